@@ -4,7 +4,6 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "base/cpu.h"
 #include "base/mem.h"
 #include "recon/carve/photo_pass.h"
 
@@ -230,19 +229,12 @@ static void photo_report(const struct rec_photo_image *im)
     }
 }
 
-static const struct rec_photo_passes *photo_passes(void)
-{
-#if defined(__x86_64__)
-    if (pvx_cpu() >= PVX_CPU_AVX2)
-        return &rec_photo_passes_avx2;
-#endif
-    return &rec_photo_passes_base;
-}
-
 void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
 {
-    struct job j = {.im = im, .n = n, .pass = photo_passes()};
+    struct rec_photo_passes pass;
+    struct job j = {.im = im, .n = n, .pass = &pass};
     bool noisy = false, margin = false;
+    rec_photo_passes_init(&pass, pvx_cpu());
     for (size_t c = 0; c < n; c++) {
         rec_bands_add(&j.bands, im[c].bh);
         im[c].work->grain = im[c].cell != NULL ? rec_grain_mosaic

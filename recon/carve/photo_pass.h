@@ -5,6 +5,7 @@
  * Private to photo*.c. */
 #ifndef REC_PHOTO_PASS_H
 #define REC_PHOTO_PASS_H
+#include "base/cpu.h"
 #include "recon/carve/bands.h"
 #include "recon/carve/photo.h"
 #include "recon/carve/photo_mosaic.h"
@@ -66,9 +67,12 @@ struct rec_photo_passes {
     void (*finish)(const struct rec_photo_image *im, int32_t band, bool despeckle, uint8_t *out);
 };
 
-extern const struct rec_photo_passes rec_photo_passes_base;
+/* Fill the table for `cpu`: all slots with the reference, then an instruction set's over them. */
+void rec_photo_passes_init(struct rec_photo_passes *p, enum pvx_cpu cpu);
+/* What each file offers to that: a function that overwrites its slots. */
+void rec_photo_passes_ref(struct rec_photo_passes *p);
 #if defined(__x86_64__)
-extern const struct rec_photo_passes rec_photo_passes_avx2;
+void rec_photo_passes_avx2(struct rec_photo_passes *p);
 #endif
 
 #endif

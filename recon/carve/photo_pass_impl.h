@@ -1,4 +1,4 @@
-/* The code of photo_pass.h; the including file names the table, PASSES. */
+/* The code of photo_pass.h; the including file names the function that fills the table, PASSES. */
 #include <math.h>
 #include <string.h>
 
@@ -623,11 +623,14 @@ static void finish(const struct rec_photo_image *im, int32_t b, bool despeckle, 
     im->work->band[b].lit = lit;
 }
 
-const struct rec_photo_passes PASSES = {
-    .linear = linear_band,
-    .noise = noise,
-    .plane = plane_band,
-    .judge = judge_band,
-    .widen = widen_band,
-    .finish = finish,
-};
+void PASSES(struct rec_photo_passes *p)
+{
+    *p = (struct rec_photo_passes){
+        .linear = linear_band,
+        .noise = noise,
+        .plane = plane_band,
+        .judge = judge_band,
+        .widen = widen_band,
+        .finish = finish,
+    };
+}

@@ -17,11 +17,8 @@
  * feasible because the set is convex: so f never rises.  When d is no descent direction the lane restarts
  * from -M phi.
  * alpha, beta, lambda are per channel.
- * From a coarser solution V and the automatic lambda are renewed three times, and while lambda still changes
- * by more than a factor 2 up to six, from the iterate that they led to (2a; lambda.c), when it has settled,
- * else every third iteration: r and L x stay.  On a coarse grid once: what it finds is renewed on the next.
- * In between the objective never rises; the report says after which iterations it is another one.  Then
- * nothing changes any more, and the minimiser is that of one convex problem.
+ * From a coarser solution V and the automatic lambda are renewed some times (renewal.h): r and L x stay.  In between
+ * the objective never rises.  The report says after which iterations it is another one.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
  * arrangement is our own.
@@ -30,31 +27,12 @@
 #include <string.h>
 
 #include "recon/solve/bound.h"
-#include "recon/solve/passes/pcg_pass.h"
+#include "recon/solve/renewal.h"
 #include "recon/solve/stop.h"
 
 #define DEFAULT_ITERATIONS 30
 #define STILL              1e-7 /* share of the objective below which nothing moves any more */
 #define REFRESH            64   /* iterations after which A x is formed anew */
-#define RENEW_AFTER        3    /* iterations after which V and lambda are renewed, */
-#define RENEWALS           3    /* of them, or more as long as some lambda changes by */
-#define RESTLESS           2.0  /* more than this factor */
-#define SETTLED            0.03 /* or sooner, when x moved by less than this share of ||x|| */
-
-/* V from x, lx and the penalty with it, and the columns with x > 0 per lane. */
-static void stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
-{
-    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
-    size_t chunks = rec_column_chunks(t->pb);
-    double sum[4], sum2[4];
-    pvx_pool_run(t->pb->a->pool, chunks, pass->brightness, t);
-    rec_sum(t->pb, 0, chunks, S_A, sum);
-    rec_sum(t->pb, 0, chunks, S_B, sum2);
-    rec_sum(t->pb, 0, chunks, S_C, lit);
-    t->usual = sum[0] > 0 ? sum2[0] / sum[0] : 0;
-    pvx_pool_run(t->pb->a->pool, chunks, pass->stiffness, t);
-    rec_sum(t->pb, 0, chunks, S_A, penalty);
-}
 
 /* ---- the method ---------------------------------------------------------------------------------*/
 
@@ -76,7 +54,7 @@ static void take_penalty(struct rec_pcg *t, size_t slot)
 /* Second differences of t->x. */
 static void smoothness(struct rec_pcg *t)
 {
-    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
+    const struct rec_pcg_passes *pass = t->pass;
     pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
     take_penalty(t, 0);
 }
@@ -92,7 +70,7 @@ static void refresh(struct rec_pcg *t, double rwr[4])
 static bool line_search(struct rec_pcg *t, const double gamma[4])
 {
     rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    const struct rec_pcg_passes *pass = t->pass;
     pvx_pool *pool = pb->a->pool;
     size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     double down[4], qwq[4], ldld[4], keep[4];
@@ -134,7 +112,7 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
 static void pcg_advance(struct rec_pcg *t, bool anew, double rwr[4])
 {
     rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    const struct rec_pcg_passes *pass = t->pass;
     pvx_pool *pool = pb->a->pool;
     size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     pvx_pool_run(pool, chunks, pass->step, t);
@@ -177,7 +155,7 @@ static void differentiate(struct rec_pcg *t, pvx_task_fn gradient, double gamma[
 static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], double rwr[4])
 {
     rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    const struct rec_pcg_passes *pass = t->pass;
     size_t chunks = rec_column_chunks(pb);
     double down[4];
     pcg_swap(&t->x, &t->next);
@@ -203,34 +181,6 @@ static bool risen(const rec_problem *pb, const double now[4], const double befor
     return rose;
 }
 
-/* Whether V and lambda are to be renewed: when x has settled, or moved on for some iterations.  A start that
- * knows nothing has V = 1 and needs more iterations than that before it says anything. */
-static bool pcg_due(const struct rec_pcg *t, const struct rec_solve_report *out,
-                    const struct rec_stopper *stop)
-{
-    uint32_t last = out->renewals > 0 ? out->renewed[out->renewals - 1] : 0;
-    return t->pb->start == REC_START_FITS && out->renewals < t->pb->renewals &&
-           (out->renewals < RENEWALS || t->restless) &&
-           (stop->moved <= SETTLED || stop->k >= last + RENEW_AFTER);
-}
-
-/* V and lambda from t->x, which they led to; f and phi of the new objective there.  Directions stay: few
- * columns change much, and (4) restarts the lane whose direction is no descent any more. */
-static void pcg_renew(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4])
-{
-    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
-    double penalty[4], lit[4], cross[4], before[4];
-    memcpy(before, t->lambda, sizeof before);
-    stiffen(t, penalty, lit);
-    rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda);
-    memcpy(t->penalty, penalty, sizeof penalty);
-    t->restless = false;
-    for (int l = 0; l < t->pb->nch; l++)
-        t->restless = t->restless || fabs(log(t->lambda[l] / before[l])) > log(RESTLESS);
-    pcg_value(t, rwr, f);
-    differentiate(t, pass->regradient, gamma, cross); /* r has not changed */
-}
-
 void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                    struct rec_solve_report *out)
 {
@@ -239,7 +189,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                                      .blind = DEFAULT_ITERATIONS,
                                      .gain = auto_stop ? 0.5 * (double)p->tolerance : STILL,
                                      .still = auto_stop ? (double)p->tolerance : 0};
-    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    struct rec_pcg_passes table;
     struct rec_pcg t = {.pb = pb,
                         .smooth = {.run = pb->run, .diag2 = pb->diag2},
                         .stiff = pb->stiff,
@@ -253,13 +203,17 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         .expect = pb->expect,
                         .lhat = pb->xv[6],
                         .r = pb->yv[0],
-                        .q = pb->yv[1]};
+                        .q = pb->yv[1],
+                        .pass = &table};
+    const struct rec_pcg_passes *pass = &table;
     pvx_pool *pool = pb->a->pool;
     size_t chunks = rec_column_chunks(pb);
+    struct rec_renewal renewal;
     struct rec_stopper stop;
     double gamma[4], cross[4], rwr[4], f[4], now[4], next[4];
     const int most_tries = pb->in.least != NULL ? 4 : 1; /* f is no parabola along a step then */
 
+    rec_pcg_passes_init(&table, pb->a->k->cpu);
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
     memcpy(t.lambda, pb->lambda, sizeof t.lambda);
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
@@ -272,10 +226,11 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     rec_bound_raise(pb, t.r, t.q, rwr);
     smoothness(&t); /* lx = V L x */
     if (pb->start == REC_START_FITS)
-        stiffen(&t, t.penalty, next); /* V, lx from x */
+        rec_renewal_stiffen(&t, t.penalty, next); /* V, lx from x */
     pcg_value(&t, rwr, f);
     differentiate(&t, pass->gradient, gamma, cross); /* phi of (3), phi'M phi */
     out->objective = rec_lanes_total(f);
+    rec_renewal_begin(&renewal, pb);
     rec_stop_begin(&stop, pb, &own, p, out);
     for (bool on = rec_stop_next(&stop); on;) {
         if (!line_search(&t, gamma)) { /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
@@ -292,7 +247,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
         stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(t.norm2));
         on = !rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)) &&
              rec_stop_next(&stop);
-        if (!on) /* nobody asks for the gradient any more */
+        if (!on)
             break;
         differentiate(&t, pass->gradient, next, cross); /* phi, phi'M phi, phi'M phi_old */
         for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
@@ -300,10 +255,11 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
             gamma[l] = next[l];
         }
-        if (pcg_due(&t, out, &stop) && !rec_late(p)) { /* V and lambda from x */
-            pcg_renew(&t, rwr, f, gamma);
-            out->renewed[out->renewals++] = stop.k;
-            rec_stop_anew(&stop, rec_lanes_total(f), t.restless);
+        if (rec_renewal_due(&renewal, stop.k, stop.moved) && !rec_late(p)) {
+            rec_renewal_take(&renewal, &t, rwr, out); /* V and lambda from x */
+            pcg_value(&t, rwr, f);
+            differentiate(&t, pass->regradient, gamma, cross); /* r has not changed */
+            rec_stop_anew(&stop, rec_lanes_total(f), renewal.restless);
         }
     }
     for (int l = 0; l < pb->nch; l++)

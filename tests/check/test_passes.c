@@ -164,8 +164,9 @@ static size_t compare(const struct rec_subsys *a, bool per_channel)
                 {"regradient", offsetof(struct rec_pcg_passes, regradient), COLUMNS},
                 {"slope", offsetof(struct rec_pcg_passes, slope), COLUMNS},
                 {"retreat", offsetof(struct rec_pcg_passes, retreat), COLUMNS}};
-    static const struct rec_pcg_passes *const table[] = {&rec_pcg_passes_base,
-                                                         &rec_pcg_passes_avx2};
+    struct rec_pcg_passes table[2];
+    rec_pcg_passes_init(&table[0], PVX_CPU_REF);
+    rec_pcg_passes_init(&table[1], PVX_CPU_AVX2);
     static struct bed bed[2];
     bed_new(&bed[0], a, per_channel);
     bed_new(&bed[1], a, per_channel);
@@ -177,7 +178,7 @@ static size_t compare(const struct rec_subsys *a, bool per_channel)
                        (pass[p].tasks & SLABS ? (size_t)a->slabs : 0);
         for (int i = 0; i < 2; i++) {
             pvx_task_fn fn;
-            memcpy(&fn, (const char *)table[i] + pass[p].at, sizeof fn);
+            memcpy(&fn, (const char *)&table[i] + pass[p].at, sizeof fn);
             if (pass[p].at == offsetof(struct rec_pcg_passes, curvature)) /* A d is in the images */
                 rec_start_product(&bed[i].pb, bed[i].t.d);
             for (size_t k = 0; k < tasks; k++)

@@ -10,25 +10,6 @@
 
 enum { S_A, S_B, S_C };
 
-struct rec_pcg {
-    rec_problem *pb;
-    struct rec_smooth smooth;
-    struct rec_stiff stiff;              /* [n] V of (1) */
-    float *x, *next, *phi, *phi_old, *d; /* x space */
-    float *lx, *ar;                      /* V L x, A'W r */
-    const float *expect;                 /* or NULL */
-    float *lhat;                         /* a L expect */
-    double nu[4];
-    float *r, *q;     /* row space: A x - b; A d, then W r */
-    bool any_clipped; /* in the last step */
-    double alpha[4], beta[4], mu[4], back[4];
-    bool restless;                /* the last renewal changed some lambda by more than a factor 2 */
-    double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
-    double norm2[4];              /* ||x||^2 */
-    double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
-    double moved2[4];             /* ||x - next||^2 of the last step */
-};
-
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
  * slabs for clipped. */
 struct rec_pcg_passes {
@@ -48,12 +29,31 @@ struct rec_pcg_passes {
     pvx_task_fn retreat;    /* next = x + back (next - x) */
 };
 
-/* Those for the processor that `k` is for. */
-const struct rec_pcg_passes *rec_pcg_passes(const struct rec_kernels *k);
+struct rec_pcg {
+    const struct rec_pcg_passes *pass;
+    rec_problem *pb;
+    struct rec_smooth smooth;
+    struct rec_stiff stiff;              /* [n] V of (1) */
+    float *x, *next, *phi, *phi_old, *d; /* x space */
+    float *lx, *ar;                      /* V L x, A'W r */
+    const float *expect;                 /* or NULL */
+    float *lhat;                         /* a L expect */
+    double nu[4];
+    float *r, *q;     /* row space: A x - b; A d, then W r */
+    bool any_clipped; /* in the last step */
+    double alpha[4], beta[4], mu[4], back[4];
+    double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
+    double norm2[4];              /* ||x||^2 */
+    double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
+    double moved2[4];             /* ||x - next||^2 of the last step */
+};
 
-extern const struct rec_pcg_passes rec_pcg_passes_base;
+/* Fill the table for `cpu`: all slots with the reference, then an instruction set's over them. */
+void rec_pcg_passes_init(struct rec_pcg_passes *p, enum pvx_cpu cpu);
+/* What each file offers to that: a function that overwrites its slots. */
+void rec_pcg_passes_ref(struct rec_pcg_passes *p);
 #if defined(__x86_64__)
-extern const struct rec_pcg_passes rec_pcg_passes_avx2;
+void rec_pcg_passes_avx2(struct rec_pcg_passes *p);
 #endif
 
 #endif

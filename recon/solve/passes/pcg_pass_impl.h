@@ -1,4 +1,4 @@
-/* The code of pcg_pass.h; the including file names the table, PASSES. */
+/* The code of pcg_pass.h; the including file names the function that fills the table, PASSES. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -345,19 +345,22 @@ static void retreat_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, retreat, t->back, nothing, NULL, 0);
 }
 
-const struct rec_pcg_passes PASSES = {
-    .expected = expected_chunk,
-    .begin = begin_chunk,
-    .direction = direction_chunk,
-    .curvature = curvature_task,
-    .step = step_chunk,
-    .clipped = clipped_slab,
-    .residual = residual_task,
-    .smoothness = lx_chunk,
-    .brightness = brightness_chunk,
-    .stiffness = stiffness_chunk,
-    .gradient = gradient_chunk,
-    .regradient = regradient_chunk,
-    .slope = slope_chunk,
-    .retreat = retreat_chunk,
-};
+void PASSES(struct rec_pcg_passes *p)
+{
+    *p = (struct rec_pcg_passes){
+        .expected = expected_chunk,
+        .begin = begin_chunk,
+        .direction = direction_chunk,
+        .curvature = curvature_task,
+        .step = step_chunk,
+        .clipped = clipped_slab,
+        .residual = residual_task,
+        .smoothness = lx_chunk,
+        .brightness = brightness_chunk,
+        .stiffness = stiffness_chunk,
+        .gradient = gradient_chunk,
+        .regradient = regradient_chunk,
+        .slope = slope_chunk,
+        .retreat = retreat_chunk,
+    };
+}

@@ -1,14 +1,14 @@
-/* The loops of the default solver for any CPU. */
-#define PASSES rec_pcg_passes_base
+/* The loops of the default solver for any CPU, and their table. */
+#define PASSES rec_pcg_passes_ref
 #include "recon/solve/passes/pcg_pass_impl.h"
 
-const struct rec_pcg_passes *rec_pcg_passes(const struct rec_kernels *k)
+void rec_pcg_passes_init(struct rec_pcg_passes *p, enum pvx_cpu cpu)
 {
+    rec_pcg_passes_ref(p);
 #if defined(__x86_64__)
-    if (k->cpu >= PVX_CPU_AVX2)
-        return &rec_pcg_passes_avx2;
+    if (cpu >= PVX_CPU_AVX2)
+        rec_pcg_passes_avx2(p);
 #else
-    (void)k;
+    (void)cpu;
 #endif
-    return &rec_pcg_passes_base;
 }

@@ -1,0 +1,61 @@
+#include "recon/solve/renewal.h"
+
+#include <math.h>
+#include <string.h>
+
+#define FOLLOWED 3    /* iterations after which the weights are due, */
+#define SETTLED  0.03 /* or sooner, when x moved by at most this share of ||x|| */
+#define ENOUGH   3    /* renewals, unless */
+#define RESTLESS 2.0  /* the last one changed some lambda by more than this factor */
+
+void rec_renewal_begin(struct rec_renewal *r, const rec_problem *pb)
+{
+    *r = (struct rec_renewal){.limit = pb->renewals, .state = REC_WEIGHTS_FIXED};
+    if (pb->start == REC_START_FITS && r->limit > 0)
+        r->state = REC_WEIGHTS_FOLLOW;
+}
+
+bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved)
+{
+    if (r->state == REC_WEIGHTS_FOLLOW && (moved <= SETTLED || k >= r->last + FOLLOWED))
+        r->state = REC_WEIGHTS_DUE;
+    return r->state == REC_WEIGHTS_DUE;
+}
+
+void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
+{
+    size_t chunks = rec_column_chunks(t->pb);
+    double sum[4], sum2[4];
+    pvx_pool_run(t->pb->a->pool, chunks, t->pass->brightness, t);
+    rec_sum(t->pb, 0, chunks, S_A, sum);
+    rec_sum(t->pb, 0, chunks, S_B, sum2);
+    rec_sum(t->pb, 0, chunks, S_C, lit);
+    t->usual = sum[0] > 0 ? sum2[0] / sum[0] : 0;
+    pvx_pool_run(t->pb->a->pool, chunks, t->pass->stiffness, t);
+    rec_sum(t->pb, 0, chunks, S_A, penalty);
+}
+
+/* Whether some channel's lambda is another one by more than RESTLESS. */
+static bool renewal_restless(const struct rec_pcg *t, const double before[4])
+{
+    bool restless = false;
+    for (int l = 0; l < t->pb->nch; l++)
+        restless = restless || fabs(log(t->lambda[l] / before[l])) > log(RESTLESS);
+    return restless;
+}
+
+void rec_renewal_take(struct rec_renewal *r, struct rec_pcg *t, const double rwr[4],
+                      struct rec_solve_report *out)
+{
+    double penalty[4], lit[4], before[4];
+    memcpy(before, t->lambda, sizeof before);
+    rec_renewal_stiffen(t, penalty, lit);
+    rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda); /* from the former V's penalty */
+    memcpy(t->penalty, penalty, sizeof penalty);
+    r->restless = renewal_restless(t, before);
+    r->last = out->iterations;
+    out->renewed[r->done++] = r->last;
+    out->renewals = r->done;
+    r->state = r->done < r->limit && (r->done < ENOUGH || r->restless) ? REC_WEIGHTS_FOLLOW
+                                                                       : REC_WEIGHTS_FIXED;
+}

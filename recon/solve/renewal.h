@@ -1,0 +1,37 @@
+/* renewal.h - when the default solver renews the weights of its objective, and how.
+ *
+ * The weights are V and lambda of (1) in pcg.c.  From a coarser solution they are renewed from the iterate that they
+ * led to:
+ *
+ *     FOLLOW  the iterate follows the weights           -> DUE     x moved by at most 3 % of ||x||, or 3 iterations
+ *     DUE     V by (2a) of pcg.c, lambda by lambda.c    -> FOLLOW  fewer than 3 renewals, or a restless one
+ *                                                       -> FIXED   otherwise, and when the limit is reached
+ *     FIXED   the weights stay: the minimiser is that of one convex problem
+ *
+ * A renewal is restless when it changes the lambda of some channel by more than a factor 2.  The limit is 6, on a
+ * coarser grid 1: what it finds is renewed on the next finer one (start.h).  A start that knows nothing begins FIXED:
+ * V is 1, and its first iterates say little of the flame.
+ * Private to the solver. */
+#ifndef REC_RENEWAL_H
+#define REC_RENEWAL_H
+#include "recon/solve/passes/pcg_pass.h"
+
+struct rec_renewal {
+    enum { REC_WEIGHTS_FOLLOW, REC_WEIGHTS_DUE, REC_WEIGHTS_FIXED } state;
+    uint32_t limit;      /* renewals, at most */
+    uint32_t done, last; /* how many there were; the iteration of the last one */
+    bool restless;       /* the last one was */
+};
+
+void rec_renewal_begin(struct rec_renewal *r, const rec_problem *pb);
+/* Whether the weights are due after iteration k, which moved x by the share `moved` of ||x||. */
+bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved);
+/* Renews V, lambda, the penalty and lx of `t` from t->x; rwr: r'Wr.  The objective and its gradient are other ones from
+ * here on.  Directions stay: few columns change much, and (4) restarts a lane whose direction is no descent any more. */
+void rec_renewal_take(struct rec_renewal *r, struct rec_pcg *t, const double rwr[4],
+                      struct rec_solve_report *out);
+
+/* V from t->x and lx, and V lx; the penalty with it, and the columns with x > 0 per lane. */
+void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4]);
+
+#endif
