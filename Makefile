@@ -210,8 +210,8 @@ fuzz-coverage: ## a table: what the inputs in the tree reach of each parser
 lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy, what the libraries show
 	@tests/lint.sh $(VERSION)
 	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy check-abi
-check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
-	@tests/check-layers.sh
+check-layers: all ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon; no circles in a room
+	@tests/check-layers.sh $(B)
 tidy: $(TIDY) ## clang-tidy (.clang-tidy) over what changed since it was last clean
 check-abi: all ## what the libraries show breaks no program that was built with their last release
 	@tests/abi.sh $(B)

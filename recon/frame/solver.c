@@ -70,7 +70,7 @@ static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool an
         d->levels = f->levels;
         d->deadline_ns = p->deadline_ns;
         rec_problem_weigh(s->problem, p->lambda);
-        f->report.warm = rec_start_coarse(s->problem, d, f->x, warm ? d->spare : NULL);
+        f->report.warm = rec_levels_start(s->problem, d, f->x, warm ? d->spare : NULL);
         f->report.coarse_iterations = d->iterations;
     } else if (warm) {
         rec_start_earlier(s->problem, f->x);

@@ -11,6 +11,7 @@
 
 #include "base/mem.h"
 #include "recon/matrix/columns.h"
+#include "recon/matrix/footprint.h"
 #include "recon/matrix/rays.h"
 
 /* What one running task needs; there are as many as threads. */

@@ -6,6 +6,8 @@
  * then on each level the cameras' columns are merged and made windows.  A thread has two rows of bins of each level at
  * a time.  The result does not depend on how many bands or threads there are. */
 #include "recon/matrix/build_active.h"
+#include "recon/matrix/footprint.h"
+#include "recon/matrix/marks.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -7,7 +7,8 @@
 #include <stdlib.h>
 
 #include "base/mem.h"
-#include "recon/matrix/priv.h"
+#include "recon/matrix/entries.h"
+#include "recon/matrix/footprint.h"
 
 struct job {
     const rec_sysmat *fine;

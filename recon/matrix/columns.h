@@ -6,7 +6,7 @@
  * depend on how many bands, strips or threads there are. */
 #ifndef REC_COLUMNS_H
 #define REC_COLUMNS_H
-#include "recon/matrix/priv.h"
+#include "recon/matrix/entries.h"
 
 #define REC_BANDS_MAX 256
 #define REC_ENTRY     (sizeof(uint32_t) + sizeof(uint8_t)) /* bytes */

@@ -3,6 +3,7 @@
 
 #include "base/clock.h"
 #include "recon/matrix/build_active.h"
+#include "recon/matrix/marks.h"
 
 #define PAGE 4096
 /* Bands of rows that are traced at least: a flame may be in few of an image's rows. */

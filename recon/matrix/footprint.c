@@ -11,7 +11,7 @@
 #include <stdlib.h>
 
 #include "base/mem.h"
-#include "recon/matrix/priv.h"
+#include "recon/matrix/footprint.h"
 
 #define SLAB 8 /* layers of voxels per task, at least */
 

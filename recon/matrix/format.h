@@ -26,7 +26,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "recon/matrix/priv.h"
+#include "recon/matrix/entries.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "mapped files are little-endian arrays");
 _Static_assert(sizeof(struct rec_rect) == 8 && sizeof(float) == 4 && sizeof(struct rec_more) == 28,

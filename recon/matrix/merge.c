@@ -5,7 +5,7 @@
 #include <sys/mman.h>
 
 #include "base/mem.h"
-#include "recon/matrix/priv.h"
+#include "recon/matrix/entries.h"
 
 #define CHUNK  16384 /* columns per task */
 #define SLICES 16

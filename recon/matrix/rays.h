@@ -4,7 +4,7 @@
  * whoever traces it; a rec_rays belongs to one thread at a time. */
 #ifndef REC_RAYS_H
 #define REC_RAYS_H
-#include "recon/matrix/priv.h"
+#include "recon/matrix/store.h"
 
 /* One camera's rays, on the grid of the finest level. */
 struct rec_tracer {

@@ -6,7 +6,8 @@
 #include <xxhash.h>
 
 #include "base/mem.h"
-#include "recon/matrix/priv.h"
+#include "recon/matrix/marks.h"
+#include "recon/matrix/store.h"
 
 /* Raise it when the same rig and parameters give other entries than before: old caches go stale. */
 #define METHOD_VERSION 3u
@@ -122,6 +123,26 @@ pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d)
                         "larger binning or fewer cameras",
                         (unsigned long long)rows);
     return PVX_OK;
+}
+
+pvx_err rec_sysmat_finest_frame(const struct rec_rig *rig, const struct rec_sysmat_params *p,
+                                rec_sysmat *m, struct pvx_diag *d)
+{
+    PVX_TRY(rec_sysmat_key(rig, p, &m->key, d));
+    m->grid = rig->grid;
+    m->unit = rec_sysmat_unit(&rig->grid);
+    m->binning = p->binning;
+    m->rays_per_bin = p->rays_per_bin;
+    for (size_t c = 0; c < m->n_cameras; c++) {
+        m->block[c].bw = rig->cameras[c].width / p->binning;
+        m->block[c].bh = rig->cameras[c].height / p->binning;
+    }
+    return rec_sysmat_number_rows(m, d);
+}
+
+size_t rec_sysmat_columns(const rec_sysmat *m)
+{
+    return m->active != NULL ? m->active->columns : rec_grid_count(&m->grid);
 }
 
 void *rec_sysmat_array(uint64_t bytes)

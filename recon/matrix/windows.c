@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/matrix/priv.h"
+#include "recon/matrix/entries.h"
 
 #define CHUNK 4096 /* columns per task */
 #define BINS  1024 /* that are covered at a time; a column that has more is covered in pieces */

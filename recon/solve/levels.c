@@ -398,3 +398,22 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
         pvx_pool_run(l->pool, (size_t)v->S->grid.n[2], refine_layer, &t);
     }
 }
+
+bool rec_levels_start(rec_problem *pb, struct rec_descent *d, float *x, float *spare)
+{
+    float *coarse = spare != NULL ? spare : x;
+    double rwr[4], earlier;
+    rec_levels_solve(pb, d, coarse);
+    rec_problem_misfit(pb, d->misfit2);
+    if (spare != NULL) {
+        rec_start_scaled(pb, x);
+        earlier = rec_lanes_total(pb->start_rwr);
+        rec_residual(pb, spare, pb->yv[0], pb->yv[1], rwr);
+    }
+    pb->start = REC_START_FITS;
+    if (spare != NULL && earlier <= rec_lanes_total(rwr))
+        return true;
+    if (spare != NULL)
+        rec_copy_x(pb, x, spare);
+    return false;
+}

@@ -31,7 +31,7 @@ void rec_levels_restrict(rec_levels *l, struct rec_restrictor *r, const struct r
 struct rec_descent {
     rec_problem *problem; /* one level's at a time */
     float *x[2];          /* [1 + voxels of the first level][cs] zero, then a level's solution */
-    float *spare;         /* [voxels of S][cs] start.h */
+    float *spare;         /* [voxels of S][cs] of rec_levels_start */
     size_t voxels;
     int cs;
 
@@ -45,8 +45,11 @@ struct rec_descent {
 PVX_MUST_CHECK pvx_err rec_descent_init(struct rec_descent *d, const rec_sysmat *S, int nch);
 void rec_descent_fini(struct rec_descent *d); /* zeroed content is fine */
 
-/* Solve d->levels from the coarsest down and put the start for `fine`, which has been weighed, into
- * x [n][cs]. */
+/* Solve d->levels from the coarsest down; x [n][cs]: what that says of `fine`, which has been weighed. */
 void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x);
+/* The same as the start of `pb`.  Its misfit raises the weight of the smoothness term of `pb` (rec_problem_misfit).
+ * spare: NULL, or a work area [n][cs].  Then x holds an earlier volume.  It stays, scaled (start.h), where it leaves the
+ * smaller residual; after a jump of the flame it does not.  True: the start is the earlier volume. */
+bool rec_levels_start(rec_problem *pb, struct rec_descent *d, float *x, float *spare);
 
 #endif

@@ -9,7 +9,7 @@
  *     FIXED   the weights stay: the minimiser is that of one convex problem
  *
  * A renewal is restless when it changes the lambda of some channel by more than a factor 2.  The limit is 6, on a
- * coarser grid 1: what it finds is renewed on the next finer one (start.h).  A start that knows nothing begins FIXED:
+ * coarser grid 1: what it finds is renewed on the next finer one (levels.h).  A start that knows nothing begins FIXED:
  * V is 1, and its first iterates say little of the flame.
  * Private to the solver. */
 #ifndef REC_RENEWAL_H

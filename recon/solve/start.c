@@ -83,7 +83,7 @@ void rec_start_zero(rec_problem *pb, float *x)
     pb->start = REC_START_ZERO;
 }
 
-static void scale_start(rec_problem *pb, float *x)
+void rec_start_scaled(rec_problem *pb, float *x)
 {
     size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     struct scaling t = {.pb = pb, .x = x, .r = pb->yv[0], .wr = pb->yv[1]};
@@ -105,28 +105,9 @@ static void scale_start(rec_problem *pb, float *x)
 void rec_start_earlier(rec_problem *pb, float *x)
 {
     if (pb->any && rec_norm_x(pb, x) > 0)
-        scale_start(pb, x);
+        rec_start_scaled(pb, x);
     else
         pb->start = REC_START_ZERO;
-}
-
-bool rec_start_coarse(rec_problem *pb, struct rec_descent *d, float *x, float *spare)
-{
-    float *coarse = spare != NULL ? spare : x;
-    double rwr[4], earlier;
-    rec_levels_solve(pb, d, coarse);
-    rec_problem_misfit(pb, d->misfit2);
-    if (spare != NULL) {
-        scale_start(pb, x);
-        earlier = rec_lanes_total(pb->start_rwr);
-        rec_residual(pb, spare, pb->yv[0], pb->yv[1], rwr);
-    }
-    pb->start = REC_START_FITS;
-    if (spare != NULL && earlier <= rec_lanes_total(rwr))
-        return true;
-    if (spare != NULL)
-        rec_copy_x(pb, x, spare);
-    return false;
 }
 
 /* ---- of the multiplicative methods --------------------------------------------------------------*/

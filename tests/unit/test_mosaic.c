@@ -376,10 +376,9 @@ static void shoot(rec_frame *f, enum cap_mosaic way, const bool *three_chips)
         if (three_chips != NULL && three_chips[c])
             for (int i = 0; i < W * H * 4; i++)
                 rec_frame_input(f, c)[i] = sc.image[c][i] * (60000.0f / 65535);
-        else if (way == CAP_MOSAIC_RAYS)
-            rec_frame_camera(f, c)->cell = cap_pixfmt_bayer(fmt);
-            rec_frame_camera(f, c)->mosaic = true;
-        rec_frame_camera(f, c)->present = true;
+        bool rays = way == CAP_MOSAIC_RAYS && !(three_chips != NULL && three_chips[c]);
+        *rec_frame_camera(f, c) = (struct rec_frame_camera){
+            .present = true, .mosaic = true, .cell = rays ? cap_pixfmt_bayer(fmt) : NULL};
     }
 }
 

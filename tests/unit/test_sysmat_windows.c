@@ -1,5 +1,5 @@
 /* Any entries as windows and back: the same, whatever the columns and images are; in the shape that they fill. */
-#include "recon/matrix/priv.h"
+#include "recon/matrix/entries.h"
 
 #include "tests/lib/entries.h"
 #include "tests/t.h"
