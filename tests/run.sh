@@ -1,28 +1,31 @@
 #!/bin/bash
 # Run the tests of build folder $1 and close with "N passed, N failed, N skipped".
 #   run.sh BUILD [--no-system] [FILTER]
-# Every program prints PASS/FAIL/SKIP lines; a program that dies without one is a failure by itself.  The limits
-# end what hangs; no test comes near on a machine however busy.
-# Two lanes at a time: tests/sim, which mostly wait for cameras, then those system tests that say "# offline" (no camera, no
-# socket of anybody else's) in their second line; and all others.
+# Every program prints PASS/FAIL/SKIP lines.  A program that dies without one is a failure by itself.  The limits
+# end what hangs; no test comes near them on a machine however busy.
+# TEST_JOBS programs run at a time (two for each processor: many of them wait).  Those that wait most are started first.
 set -u
 cd "$(dirname "$0")/.."
 b=$1; shift
 system=1; filter=
 for a in "$@"; do case $a in --no-system) system=0;; *) filter=$a;; esac; done
+jobs=${TEST_JOBS:-$(($(nproc) * 2))}
 export PYROVOX_BUILD=$PWD/$b
 export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1} LSAN_OPTIONS=${LSAN_OPTIONS:-suppressions=$PWD/tests/lsan.supp:print_suppressions=0}
 export UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
 export TSAN_OPTIONS=${TSAN_OPTIONS:-halt_on_error=1:suppressions=$PWD/tests/tsan.supp}
-log=$b/test.log
-rm -f "$b"/test.*.log "$b"/test.*.sums
-one() { # name, timeout, command...
-    local name=$1 limit=$2; shift 2
-    [ -n "$filter" ] && [[ $name != *"$filter"* ]] && return
-    local out rc t0=$SECONDS
-    out=$(timeout -k 10 "$limit" "$@" 2>&1 < /dev/null); rc=$?
-    printf '=== %s (exit %d, %d s)\n%s\n' "$name" $rc $((SECONDS - t0)) "$out" >> "$b/test.$lane.log"
-    local p f s
+log=$b/test.log notes=$(mktemp -d)
+trap 'rm -rf "$notes"' EXIT
+export T_TIMES=$notes/cases # t.h: seconds, processor seconds and name of each case
+: > "$T_TIMES"
+one() { # number, name, timeout, command...
+    local n=$notes/$1 name=$2 limit=$3 out rc spent p f s; shift 3
+    TIMEFORMAT='%R %U %S'
+    { time timeout -k 10 "$limit" "$@" > "$n.out" 2>&1 < /dev/null; } 2> "$n.time"; rc=$?
+    out=$(tr -d '\0' < "$n.out"); rm "$n.out"
+    spent=$(awk 'END { printf "%.1f %.1f", $1, $2 + $3 }' "$n.time")
+    echo "$spent $name" > "$n.spent"
+    printf '=== %s (exit %d, %s s, %s s of a processor)\n%s\n' "$name" $rc "${spent% *}" "${spent#* }" "$out" > "$n.log"
     p=$(grep -c '^PASS ' <<< "$out"); f=$(grep -c '^FAIL ' <<< "$out"); s=$(grep -c '^SKIP ' <<< "$out")
     if [ $rc -eq 77 ] && [ $((p + f + s)) -eq 0 ]; then s=1; out="SKIP $name ($(tail -n 1 <<< "$out"))"; fi
     if [ $rc -ne 0 ] && [ $rc -ne 77 ] && [ "$f" -eq 0 ]; then
@@ -30,42 +33,51 @@ one() { # name, timeout, command...
     elif [ $((p + f + s)) -eq 0 ]; then
         if [ $rc -eq 0 ]; then p=1; out="PASS $name"; fi
     fi
-    echo "$p $f $s" >> "$b/test.$lane.sums"
-    if [ "$f" -gt 0 ]; then printf '%s\n' "$out" | tail -n 60; else grep -E '^(PASS|SKIP) ' <<< "$out"; fi
+    if [ "$f" -gt 0 ]; then out=$(tail -n 60 <<< "$out"); else out=$(grep -E '^(PASS|SKIP) ' <<< "$out"); fi
+    flock "$notes" printf '%s\n' "$out"
+    echo "$p $f $s" > "$n.sums"
+}
+started=0
+queue() { # name, timeout, command...: as soon as there is room
+    [ -n "$filter" ] && [[ $1 != *"$filter"* ]] && return
+    while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n; done
+    started=$((started + 1))
+    one "$(printf %04d $started)" "$@" &
 }
 programs() { # folder
     local t
     for t in "$b/tests/$1"/test_*; do
         [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
-        one "${t#"$b"/tests/}" 1200 "$t"
+        queue "${t#"$b"/tests/}" 1200 "$t"
     done
 }
-scripts() { # yes or no: those that are offline
-    local t at
-    for t in tests/system/[0-9]*.sh; do
-        at=no; sed -n 2p "$t" | grep -q '^# offline' && at=yes
-        [ $at != "$1" ] || one "system/$(basename "$t")" 1200 bash "$t"
-    done
+corpus() { # fuzz target
+    local n=${1##*/fuzz_}
+    mkdir "$notes/found-$n"
+    [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$notes/found-$n"
+    queue "fuzz/$n" 1200 "$1" tests/fuzz/corpus/"$n" --once "$notes/found-$n"
 }
-( lane=sim; programs sim; [ $system = 0 ] || scripts yes; true ) &
-sim=$!
-lane=others
-programs unit; programs check
+longest() { # what, lines of seconds, processor seconds, name
+    echo; echo "the 25 longest $1: seconds, of a processor:"
+    sort -rn | head -n 25 | awk '{ s = $1; c = $2; sub(/^[^ ]+ [^ ]+ /, ""); printf "  %7.1f %7s  %s\n", s, c, $0 }'
+}
+if [ $system = 1 ]; then
+    for t in tests/system/[0-9]*.sh; do queue "system/$(basename "$t")" 1200 bash "$t"; done
+fi
+programs sim; programs unit; programs check
 for t in "$b"/tests/fuzz/fuzz_*; do
     [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
-    n=${t##*/fuzz_}
-    found=$(mktemp -d)
-    [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$found"
-    one "fuzz/$n" 1200 "$t" tests/fuzz/corpus/"$n" --once "$found"
-    rm -rf "$found"
+    corpus "$t"
 done
-[ $system = 0 ] || scripts no
-wait $sim; ended=$?
-cat "$b"/test.*.log > "$log" 2> /dev/null
-read -r pass fail skip < <(cat "$b"/test.*.sums 2> /dev/null | awk '{ p += $1; f += $2; k += $3 } END { print p + 0, f + 0, k + 0 }')
-rm -f "$b"/test.*.log "$b"/test.*.sums
-[ $ended = 0 ] || { echo "FAIL the lane of tests/sim: exit $ended"; fail=$((fail + 1)); }
+wait
+cat "$notes"/*.log > "$log" 2> /dev/null
+cat "$notes"/*.spent 2> /dev/null | longest programs
+longest cases < "$T_TIMES"
+read -r pass fail skip < <(cat "$notes"/*.sums 2> /dev/null | awk '{ p += $1; f += $2; k += $3 } END { print p + 0, f + 0, k + 0 }')
+ended=$(find "$notes" -name '*.sums' | wc -l)
+[ "$ended" = $started ] || { echo "FAIL run.sh: of $started programs $ended ended"; fail=$((fail + 1)); }
 echo
 echo "full output: $log"
+echo "all programs together: $(cat "$notes"/*.spent 2> /dev/null | awk '{ c += $2 } END { printf "%.0f", c }') s of a processor"
 echo "$pass passed, $fail failed, $skip skipped"
 [ "$fail" -eq 0 ]

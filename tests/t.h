@@ -8,10 +8,13 @@
 #ifndef T_H
 #define T_H
 #include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <time.h>
 
 #include "base/random.h"
 
@@ -87,6 +90,17 @@ __attribute__((unused)) static double t_normal(void)
         return;                   \
     } while (0)
 
+/* `make test-all` runs every case (T_LONG=1).  CI and `make test` leave those out that say T_ONLY_LONG(). */
+__attribute__((unused)) static bool t_long(void)
+{
+    return getenv("T_LONG") != NULL;
+}
+#define T_ONLY_LONG()                         \
+    do {                                      \
+        if (!t_long())                        \
+            T_SKIP("long: in make test-all"); \
+    } while (0)
+
 /* Minutes under the sanitizer of threads, and its threads do what another case's do. */
 #if defined(__SANITIZE_THREAD__)
 #define T_NOT_UNDER_TSAN() T_SKIP("minutes under this sanitizer; another case has its threads")
@@ -123,6 +137,37 @@ __attribute__((unused)) static int t_done(void)
 {
     return t_fails > 0 ? 1 : 0;
 }
+struct t_clock {
+    double wall_s, cpu_s; /* cpu_s: of this process and of its children that have ended */
+};
+__attribute__((unused)) static struct t_clock t_now(void)
+{
+    struct timespec ts;
+    struct rusage u[2];
+    struct t_clock now = {0, 0};
+    clock_gettime(CLOCK_MONOTONIC, &ts);
+    now.wall_s = (double)ts.tv_sec + 1e-9 * (double)ts.tv_nsec;
+    getrusage(RUSAGE_SELF, &u[0]);
+    getrusage(RUSAGE_CHILDREN, &u[1]);
+    for (int i = 0; i < 2; i++)
+        now.cpu_s += (double)(u[i].ru_utime.tv_sec + u[i].ru_stime.tv_sec) +
+                     1e-6 * (double)(u[i].ru_utime.tv_usec + u[i].ru_stime.tv_usec);
+    return now;
+}
+/* tests/run.sh lists the longest cases from these lines. */
+__attribute__((unused)) static void t_note_time(const char *base, const char *name,
+                                                struct t_clock from)
+{
+    const char *path = getenv("T_TIMES");
+    FILE *file = path != NULL ? fopen(path, "ae") : NULL;
+    struct t_clock now = t_now();
+    if (file == NULL)
+        return;
+    fprintf(file, "%.2f %.2f %s:%s\n", now.wall_s - from.wall_s, now.cpu_s - from.cpu_s, base,
+            name);
+    fclose(file);
+}
+
 /* All cases, in the order in which they are written. */
 int t_run(void);
 int t_run(void)
@@ -132,8 +177,10 @@ int t_run(void)
     for (const struct t_case *c = t_first; c != NULL; c = c->next) {
         t_case_fails = 0;
         t_skip_reason = t_skip_all;
+        struct t_clock from = t_now();
         if (t_skip_all == NULL)
             c->fn();
+        t_note_time(base, c->name, from);
         if (t_case_fails > 0) {
             t_fails++;
             printf("FAIL %s:%s (T_SEED=%llu)\n", base, c->name, (unsigned long long)t_seed);

@@ -4,7 +4,7 @@ name=101
 . "$(dirname "$0")/lib.sh"
 command -v abidiff > /dev/null || { echo "no abidiff here: apt install abigail-tools"; exit 77; }
 t=$dir/tree
-mkdir -p "$t"/{build/daemon,daemon/config,tests} &&
+mkdir -p "$t"/{build/daemon,daemon/config,tests} && cp -a daemon/*.mk "$t/daemon/" && cp -a tests/*.mk "$t/tests/" &&
     cp -a Makefile NEWS proto recon systemd "$t/" && cp -a daemon/{base,man} "$t/daemon/" && cp -a daemon/config/*.yaml "$t/daemon/config/" &&
     cp -a tests/abi.sh tests/rooms.txt "$t/tests/" && cp -a "$b"/{lib,proto,recon} "$t/build/" && cp -a "$b/daemon/base" "$t/build/daemon/" &&
     ln -s "$b/bin" "$t/build/bin" || { echo "FAIL $name:copy"; exit 1; }

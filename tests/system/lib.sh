@@ -21,8 +21,9 @@ trap finish EXIT
 trap 'exit 1' INT TERM
 
 check() { # what, command...
-    local what=$1; shift
+    local what=$1 from=$EPOCHREALTIME; shift
     if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi
+    [ -z "${T_TIMES:-}" ] || awk "BEGIN { printf \"%.2f - $name:$what\n\", $EPOCHREALTIME - $from }" >> "$T_TIMES"
 }
 run() { out=$(timeout "$patience" "$@" 2>&1); code=$?; } # both streams and the exit code, for says
 says() { # code, text that must be there...

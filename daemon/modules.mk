@@ -1,0 +1,52 @@
+# The modules: each is a shared object of its own, loaded on first use.  C++, but for MPI's.
+MPI := $(shell pkg-config --exists ompi-c 2>/dev/null && echo 1)
+LIBCAMERA := $(shell pkg-config --exists libcamera 2>/dev/null && echo 1)
+OPENVDB := $(if $(wildcard /usr/include/openvdb/openvdb.h),$(wildcard /usr/include/nanovdb/NanoVDB.h))
+MODULES := opencv aruco calib $(if $(LIBCAMERA),libcamera) $(if $(OPENVDB),openvdb) $(if $(MPI),mpi)
+PLUGINS := $(patsubst %,$(B)/lib/pyrovox/pyrovox-%.so,$(MODULES))
+
+module_flags = -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(MODULE_INCLUDES) $(CXXFLAGS)
+module_ldflags = $(filter-out -fsanitize=%,$(LDFLAGS))
+$(PLUGINS): Makefile daemon/modules.mk
+$(filter-out %-mpi.so,$(PLUGINS)):
+	@mkdir -p $(@D)
+	$(call say,CXX)
+	$(Q)$(CXX) $(module_flags) -shared $(module_ldflags) -o $@ $(filter %.cpp,$^) $(MODULE_LIBS)
+
+# Where fuzz targets see into it, it is instrumented as they are: by clang, too, whose run-time library is theirs.
+OPENCV := $(B)/lib/pyrovox/pyrovox-opencv.so
+ifneq ($(LIBFUZZER)$(COVERAGE),)
+$(OPENCV): CXX := clang++
+$(OPENCV): CXXFLAGS += $(INSTRUMENT) $(if $(SAN),-fno-sanitize=vptr)
+endif
+$(OPENCV): capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
+$(OPENCV): MODULE_INCLUDES = -I/usr/include/opencv4
+$(OPENCV): MODULE_LIBS = $(addprefix -lopencv_,core imgcodecs imgproc videoio) -lavformat -lavcodec -lavutil
+
+ARUCO := $(B)/lib/pyrovox/pyrovox-aruco.so
+$(ARUCO): recon/board/aruco_shim.cpp recon/board/aruco_shim.h
+$(ARUCO): MODULE_INCLUDES = -I/usr/include/opencv4
+$(ARUCO): MODULE_LIBS = $(addprefix -lopencv_,aruco calib3d imgproc core)
+
+# Least squares by Ceres, planes by OpenCV: one C++ file, since the headers of both are most of its cost.
+CALIB := $(B)/lib/pyrovox/pyrovox-calib.so
+$(CALIB): recon/calib/shim.cpp recon/calib/shim.h
+$(CALIB): MODULE_INCLUDES = -I/usr/include/opencv4 -isystem /usr/include/eigen3
+$(CALIB): MODULE_LIBS = -lceres -lglog -lopencv_core -lopencv_calib3d
+
+$(B)/lib/pyrovox/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
+$(B)/lib/pyrovox/pyrovox-libcamera.so: MODULE_INCLUDES = $(shell pkg-config --cflags libcamera)
+$(B)/lib/pyrovox/pyrovox-libcamera.so: CXXFLAGS += -std=c++20
+$(B)/lib/pyrovox/pyrovox-libcamera.so: MODULE_LIBS = $(shell pkg-config --libs libcamera)
+
+# The headers of OpenVDB warn; most of the library's own cost is theirs too.
+VDB := $(B)/lib/pyrovox/pyrovox-openvdb.so
+$(VDB): $(addprefix daemon/volumes/,openvdb_shim.cpp nanovdb_grids.cpp openvdb_shim.h nanovdb_grids.h)
+$(VDB): MODULE_LIBS = -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
+
+# In C, since MPI has a C API.
+$(B)/daemon/cli/reconstruct/ranks_mpi.%: pkg_cflags = $(shell pkg-config --cflags ompi-c)
+$(B)/lib/pyrovox/pyrovox-mpi.so: $(B)/daemon/cli/reconstruct/ranks_mpi.o
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) $(module_ldflags) -o $@ $(filter %.o,$^) $$(pkg-config --libs ompi-c)

@@ -1,0 +1,41 @@
+# Checks of the text: nothing of the product runs.
+.PHONY: lint check-layers check-abi abi format-check tidy
+
+lint: setup-lint ## layers, formatting, man pages, shell scripts, conventions, clang-tidy, what the libraries show
+	@$(PARALLEL) built
+	@$(MAKE) --no-print-directory check-layers format-check
+	@tests/lint.sh $(VERSION)
+	@$(PARALLEL) -k tidy-files abi-compare
+check-layers: all ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon; no circles in a room
+	@tests/setup.sh git
+	@tests/check-layers.sh $(B)
+format-check: setup-lint ## clang-format --dry-run over the C sources
+	@clang-format --dry-run -Werror $$(git ls-files '*.c' '*.h' '*.cpp')
+tidy: setup-lint ## clang-tidy (.clang-tidy) over what changed since it was last clean;
+## DEEP=1: looks at more states of a function
+	@$(PARALLEL) -k tidy-files
+check-abi: setup-lint ## what the libraries show breaks no program that was built with their last release
+	@$(PARALLEL) abi-compare
+abi: setup-lint ## write down what the libraries show (*.abi): for a release, and before the first whenever it changes
+	@$(PARALLEL) built
+	@tests/abi.sh $(B) --renew
+
+.PHONY: tidy-files abi-compare
+abi-compare: built
+	@tests/abi.sh $(B)
+# A stamp beside each object, made after it: a header that changed makes both anew.
+TIDY_FILES := $(wildcard */*.c */*/*.c */*/*/*.c */*/*/*/*.c)
+TIDY_FILES := $(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c) $(if $(MPI),,%_mpi.c),$(TIDY_FILES))
+tidy-files: $(TIDY_FILES:%.c=$(B)/%.$(if $(DEEP),deep,tidy))
+# The analyzer looks at 225,000 states of a function.  20,000 take a quarter of its time and are what CI can afford.
+FEWER := $(addprefix --extra-arg=,-Xclang -analyzer-config -Xclang max-nodes=20000)
+define tidy
+	$(call say,TIDY)
+	$(Q)clang-tidy --quiet $(1) $< -- $(filter-out -MMD -MP,$(CPPFLAGS)) $(CFLAGS) $(pkg_cflags) > $@.log 2>&1 || \
+	  { cat $@.log; exit 1; }
+	@touch $@
+endef
+$(B)/%.tidy: %.c $(B)/%.o .clang-tidy
+	$(call tidy,$(FEWER))
+$(B)/%.deep: %.c $(B)/%.o .clang-tidy
+	$(call tidy,)

@@ -1,0 +1,44 @@
+# Test programs: which there are, and what each is linked with beside the product's rooms.
+UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
+VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
+VM_UVC := $(call obj,$(sort $(wildcard tests/vm/uvc/*.c)))
+FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
+STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
+POWER := $(B)/tests/power/power $(B)/tests/power/shim.so
+SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
+BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
+
+.PHONY: tests-run tests-build
+# What run.sh runs.  A parser is one thread.
+tests-run: $(UNIT) $(if $(filter thread,$(SAN)),,$(FUZZ))
+tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability $(POWER)
+
+$(B)/tests/%: $(B)/tests/%.o $(LIBS)
+	$(call say,LD)
+	$(Q)$(link)
+$(UNIT): $(B)/tests/lib/main.o
+STABILITY_PROGRAMS := $(B)/tests/stability/stability $(B)/tests/sim/test_stability
+$(STABILITY_PROGRAMS): $(STABILITY)
+$(STABILITY_PROGRAMS) $(B)/tests/unit/test_resolution: LDLIBS += -llapacke
+# libaravis' fake camera, the peer that is not of our own making.
+$(B)/tests/unit/test_simgv $(B)/tests/sim/test_aravis_loopback: $(B)/tests/lib/simgv.o $(B)/tests/lib/simgv_poll.o
+# A V4L2 device that umockdev answers for.
+$(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/lib/mock_v4l2.o
+$(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0 2> /dev/null)
+$(B)/tests/lib/mock_v4l2.%: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0 2> /dev/null)
+# Pictures of boards with known truth.
+BOARD_PROGRAMS := $(addprefix $(B)/tests/,$(addprefix unit/test_,board board_detect board_shot) \
+  $(addprefix sim/test_cli_,calibrate calibrate_reels calibrate_modes calibrate_refine))
+$(BOARD_PROGRAMS): $(B)/tests/lib/board_picture.o $(B)/tests/lib/board_judge.o
+$(B)/tests/soak/soak: $(SOAK)
+# Preloaded into what records.
+$(B)/tests/power/shim.so: $(B)/tests/power/shim.o
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) -o $@ $< -ldl
+$(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/tests/unit/test_usbip: $(VM_UVC)
+# Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
+FUZZ_MAIN := $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o)
+$(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(FUZZ_MAIN) $(LIBS)
+	$(call say,LD)
+	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
+$(B)/tests/fuzz/fuzz_pictures: | $(OPENCV)
