@@ -16,8 +16,9 @@ export UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
 export TSAN_OPTIONS=${TSAN_OPTIONS:-halt_on_error=1:suppressions=$PWD/tests/tsan.supp}
 log=$b/test.log notes=$(mktemp -d)
 trap 'rm -rf "$notes"' EXIT
-export T_TIMES=$notes/cases # t.h: seconds, processor seconds and name of each case
-: > "$T_TIMES"
+# t.h: seconds, processor seconds and name of each case.  lib/main.c: the name of each program at each thread it starts.
+export T_TIMES=$notes/cases T_THREADS=$notes/threads
+: > "$T_TIMES"; : > "$T_THREADS"
 one() { # number, name, timeout, command...
     local n=$notes/$1 name=$2 limit=$3 out rc spent p f s; shift 3
     TIMEFORMAT='%R %U %S'
@@ -75,6 +76,9 @@ cat "$notes"/*.spent 2> /dev/null | longest programs
 longest cases < "$T_TIMES"
 read -r pass fail skip < <(cat "$notes"/*.sums 2> /dev/null | awk '{ p += $1; f += $2; k += $3 } END { print p + 0, f + 0, k + 0 }')
 ended=$(find "$notes" -name '*.sums' | wc -l)
+for t in $(sort -u "$T_THREADS" | comm -12 - <(grep -o '^[a-z0-9_]*' tests/one-thread.txt | sort)); do
+    echo "FAIL run.sh: $t starts threads: take it out of tests/one-thread.txt"; fail=$((fail + 1))
+done
 [ "$ended" = $started ] || { echo "FAIL run.sh: of $started programs $ended ended"; fail=$((fail + 1)); }
 echo
 echo "full output: $log"
