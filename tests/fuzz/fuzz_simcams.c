@@ -1,5 +1,5 @@
-/* fuzz_simcams.c - any text as an order to simulated cameras, by hand, by timetable and as an option: it is taken
- * or refused with a reason, and what was taken is in range. */
+/* fuzz_simcams.c - any text as a line for simulated cameras, from the start, at a time and by hand: it is taken
+ * or refused with a reason, and all values that were taken are in range. */
 #include <string.h>
 
 #include "daemon/cli/simcams/faults.h"
@@ -39,15 +39,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     MUST((e == PVX_OK) == (d.text[0] == '\0'));
     fuzz_taken += e == PVX_OK;
     d.text[0] = '\0';
-    MUST((simcams_plan_line(&rig, text, &plan, &d) == PVX_OK) == (d.text[0] == '\0'));
-    for (int k = 0; k < SIMCAMS_N_KINDS; k++) {
-        d.text[0] = '\0';
-        e = simcams_fault_option(&rig, (enum simcams_fault_kind)k, text, state, &d);
-        MUST((e == PVX_OK) == (d.text[0] == '\0'));
-    }
+    MUST((simcams_at_line(&rig, text, &plan, &d) == PVX_OK) == (d.text[0] == '\0'));
     d.text[0] = '\0';
-    e = simcams_plan_option(&rig, (size & 1) != 0, text, &plan, &d);
-    MUST((e == PVX_OK) == (d.text[0] == '\0'));
+    MUST((simcams_set_line(&rig, text, state, &plan, &d) == PVX_OK) == (d.text[0] == '\0'));
     for (int c = 0; c < CAMERAS; c++)
         in_range(&state[c]);
     return 0;

@@ -23,16 +23,17 @@
 
 enum { FIRST = 8, ALL = 12, IMAGES = 2, FPS = 5 };
 
-/* `calibrate live ARGS` on the cameras, in the background; the descriptor that orders go to. */
-static pid_t live(const char *args, int *orders)
+/* `simcams SIM` runs `calibrate live ARGS`, in the background.  *orders: the descriptor that orders go to. */
+static pid_t live(const char *sim, const char *args, int *orders)
 {
     char cmd[1500];
-    snprintf(cmd, sizeof cmd,
-             "cd %s && exec %s/pyrovox simcams --private-net " RIG " --board " BOARD
-             " --poses 40 --hold 0 --noise 1 --format mono8 --control -- %s/pyrovox calibrate live "
-             "--config live.yaml --board " BOARD " " VOLUME " --out rig.yaml %s < orders > out.txt "
-             "2> err",
-             dir, exe, exe, args);
+    snprintf(
+        cmd, sizeof cmd,
+        "cd %s && exec %s/pyrovox simcams --private-net " RIG " --board " BOARD
+        " --poses 40 --hold 0 --noise 1 --format mono8 --control %s -- %s/pyrovox calibrate live "
+        "--config live.yaml --board " BOARD " " VOLUME " --out rig.yaml %s < orders > out.txt "
+        "2> err",
+        dir, exe, sim, exe, args);
     (void)remove(at("orders"));
     (void)remove(at("out.txt"));
     *orders = -1;
@@ -69,11 +70,11 @@ static bool taken(int number, pid_t pid, int *status, bool *ended)
 }
 
 /* The board from pose `from` to before `until`, each until it was taken.  Exit code; interrupt: by Ctrl-C. */
-static int session(const char *args, int from, int until, bool interrupt)
+static int session(const char *sim, const char *args, int from, int until, bool interrupt)
 {
     int orders, status = -1;
     bool ended = false, all = true;
-    pid_t pid = live(args, &orders);
+    pid_t pid = live(sim, args, &orders);
     for (int k = from; k < until && all; k++) {
         char line[20];
         int n = snprintf(line, sizeof line, "pose %d\n", k);
@@ -119,7 +120,7 @@ static double error_of(const char *folder, const struct rec_rig *rig)
 T_CASE(takes_poses_by_itself_and_writes_a_rig)
 {
     T_NOT_UNDER_TSAN();
-    T_EQ_I(session("--poses 8", 0, FIRST, false), 0);
+    T_EQ_I(session("", "--poses 8", 0, FIRST, false), 0);
     T_CONTAINS(slurp("out.txt"), "8 poses in rig-frames, 8 of them new");
     T_CONTAINS(text, "\nnext: ");
     T_CONTAINS(text, "rig.yaml: 4 cameras");
@@ -133,7 +134,7 @@ T_CASE(goes_on_and_ctrl_c_keeps_everything)
     T_EQ_I(pyrovox("calibrate live --config live.yaml --board " BOARD " " VOLUME " --out rig.yaml"),
            1);
     T_CONTAINS(slurp("err"), "rig.yaml is there already");
-    T_EQ_I(session("--force", FIRST, ALL, true), 0);
+    T_EQ_I(session("", "--force", FIRST, ALL, true), 0);
     T_CONTAINS(slurp("out.txt"), "12 poses in rig-frames, 4 of them new");
     T_OK(access(at("rig-frames/cam3/000011.png"), F_OK) == 0);
 }
@@ -182,6 +183,31 @@ T_CASE(the_flame_is_as_near_as_with_the_true_rig)
     T_LE(by_live, 1.1 * by_true);
     rec_rig_fini(&truth);
     rec_rig_fini(&rig);
+}
+
+/* The second of four cameras never sends a frame: it is named, and the rig has the other three. */
+T_CASE(a_silent_camera_is_left_out)
+{
+    T_NOT_UNDER_TSAN();
+    struct rec_rig rig;
+    struct pvx_diag d = {""};
+    T_EQ_I(session("--set 'kill cam1'", "--out three.yaml --poses 12", 0, ALL, false), 0);
+    T_CONTAINS(slurp("err"), "cam1 gave no picture: the rig is made without it");
+    T_CONTAINS(slurp("out.txt"), "three.yaml: 3 cameras");
+    T_EQ_I(rec_rig_load(at("three.yaml"), &rig, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(rig.n_cameras, 3);
+    T_EQ_S(rig.cameras[0].name, "cam0");
+    T_EQ_S(rig.cameras[1].name, "cam2");
+    T_EQ_S(rig.cameras[2].name, "cam3");
+    rec_rig_fini(&rig);
+    /* an option names it */
+    T_EQ_I(session("--set 'kill cam1'",
+                   "--out none.yaml --frames three-frames --measured cam0,cam1,1 --poses 13", ALL,
+                   ALL + 1, false),
+           1);
+    T_CONTAINS(slurp("err"), "cam1: no picture was taken with it: is it connected?");
+    T_OK(access(at("none.yaml"), F_OK) != 0);
 }
 
 static void write_text(const char *name, const char *what)

@@ -22,11 +22,11 @@ run() { # TITLE SIMCAMS-OPTIONS... -- SOAK-OPTIONS...
 echo "machine: $(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1), $(nproc) CPUs"
 "$b/bin/pyrovox" simcams --cameras "$n" --fps "$fps" --ring 30 --write-frames "$dir/frames" > /dev/null || exit 1
 run "$n x 640x480 RGB8 at $fps Hz, $seconds s" -- --seconds "$seconds"
-drift= drop=
+drift=()
 for ((c = 0; c < n; c++)); do
-    drift+=${drift:+,}cam$c=$(((c * 200 / (n > 1 ? n - 1 : 1)) - 100))
+    drift+=(--set "drift cam$c $(((c * 200 / (n > 1 ? n - 1 : 1)) - 100))")
 done
 half=$(awk "BEGIN { print $seconds / 2 }")
 run "the same with 1 ms jitter, clocks 100 ppm fast to 100 ppm slow, 5 % of the frames dropped, $half s" \
-    --jitter-ms 1 --drift-ppm "$drift" --drop 0.05 -- --seconds "$half" --drops
+    --set "jitter all 1" "${drift[@]}" --set "drop all 0.05" -- --seconds "$half" --drops
 exit $rc

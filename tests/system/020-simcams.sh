@@ -57,7 +57,7 @@ refuse() { # exit code, text, arguments...
 }
 check timed_line_is_checked refuse 1 "no camera 'cam9'" "${small[@]}" --at 3:"kill cam9"
 check too_much_memory refuse 1 'max-memory' --ring 5000
-check unknown_camera refuse 1 "no camera 'cam9'" --drop cam9=0.5
+check unknown_camera refuse 1 "no camera 'cam9'" --set "drop cam9 0.5"
 check foreign_address refuse 1 'no interface of this host' --address 203.0.113.2 "${small[@]}"
 check missing_rig refuse 1 "$dir/none.yaml" --rig "$dir/none.yaml"
 check wrong_number refuse 2 'should be a number' --fps fast

@@ -222,7 +222,7 @@ play_sim() { # what, options of the broken cameras, cameras...: they break for 3
     [ $code = 0 ] || rc=1
 }
 play run
-play line --line-hz 20 --ptp-ms 200
+play line --set "line 20" --ptp-ms 200
 play_sim host host_step_s=3600 cam0 cam1 cam2 cam3
 play_sim starved hold=64 cam2
 exit $rc

@@ -20,7 +20,7 @@ daemon() { # rig, log, more keys, options of the cameras...
 }
 stop() { "$pyrovox" status --endpoint "$control" --stop > "$dir/null"; ended "$started" 0; }
 
-daemon rig.yaml record.log "record: {mode: raw, path: \"$dir/take.h5\"}" --cap on
+daemon rig.yaml record.log "record: {mode: raw, path: \"$dir/take.h5\"}" --set "cap all on"
 warm() { field "s['record']['sets'] >= $1 and all(c['health'].get('temperature_c') for c in s['cameras'])"; }
 check recorded wait_for warm 16
 check serials field "[c['health']['serial'] for c in s['cameras']] == ['SIM00', 'SIM01', 'SIM02', 'SIM03']"

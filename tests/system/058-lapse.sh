@@ -85,8 +85,9 @@ record: {{keep_free_gb: 0}}
         date(DATE - lead - time.time() if DATE else 0)
     command = ["unshare", "-rT", "--monotonic", str(away), "--boottime", str(away), PYROVOX, "simcams", "--private-net",
                "--rig", "tests/data/rig4.yaml", "--fps", str(FPS), "--ring", str(FPS), "--boot-clock", "--tick-hz", str(TICK_HZ),
-               "--drift-ppm", ",".join(f"cam{c}={p}" for c, p in enumerate(PPM)), "--control"]
-    if CLOCK: command += ["--skew-us", str(int((CLOCK - lead) * 1e6))]
+               "--control"]
+    for c, p in enumerate(PPM): command += ["--set", f"drift cam{c} {p}"]
+    if CLOCK: command += ["--set", f"skew all {int((CLOCK - lead) * 1e6)}"]
     if FIRST: command += ["--at", f"0:ids all {int(FIRST) - FPS * lead}"]
     sim = subprocess.Popen(command + ["--"] + daemon, stdin=subprocess.PIPE, stdout=open(f"{at}.log", "w"), stderr=subprocess.STDOUT)
     try:

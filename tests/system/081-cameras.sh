@@ -57,7 +57,7 @@ check gige-all-found json "$dir/gige.json" "[c['uri'] for c in r['cameras']] == 
 check gige-together json "$dir/gige.json" "all(c['frames'] > 3 for c in r['cameras']) and r['sets']['whole'] > 3"
 check gige-clocks-are-read json "$dir/gige.json" "all(c['clock_delay_us'] is not None for c in r['cameras'])"
 check gige-says-how-it-is json "$dir/gige.json" "all(c['temperature_c'] and c['link_mbps'] == 1000 and 0 < c['link_share'] < 1 for c in r['cameras'])"
-simcams --packet-loss cam1=0.5 -- bash -c 'inside "$@"' - "$dir/loss.json" --seconds 3 --fps 20 --size 64x48 --json aravis:127.0.0.2 aravis:127.0.0.3 > "$dir/loss.log" 2>&1
+simcams --set "loss cam1 0.5" -- bash -c 'inside "$@"' - "$dir/loss.json" --seconds 3 --fps 20 --size 64x48 --json aravis:127.0.0.2 aravis:127.0.0.3 > "$dir/loss.log" 2>&1
 check lost-packets-are-named json "$dir/loss.json" "r['cameras'][1]['counts']['incomplete'] > 0 and 'doctor' in r['cameras'][1]['remedy']"
 
 # The daemon says the same of its cameras while it runs.

@@ -239,10 +239,10 @@ advises() {
     run "$pyrovox" advise --rig rig.yaml --frames take --quiet; says 0 'black        subtract' || return 1
     local level; level=$(sed -n 's/^photometry: { black: \([0-9.]*\) }/\1/p' <<< "$out")
     below 0.018 "$level" && below "$level" 0.023 || { echo "level $level"; return 1; }
-    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --gain cam5=0.8 --write-frames dim; says 0 || return 1
+    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain cam5 0.8" --write-frames dim; says 0 || return 1
     run "$pyrovox" advise --rig rig.yaml --frames dim --black 0.02 --quiet
     says 0 'gain         on' 'cam5 is furthest off' 'pyrovox calibrate gain' 'absorption   off' || return 1
-    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --gain all=3 --write-frames bright; says 0 || return 1
+    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain all 3" --write-frames bright; says 0 || return 1
     run "$pyrovox" advise --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least,' || return 1
     run "$pyrovox" advise --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames dark --quiet; says 1 'flame'

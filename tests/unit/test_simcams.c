@@ -1,4 +1,4 @@
-/* What `pyrovox simcams` serves and how it is told to break: ring of images, fault options, control. */
+/* What `pyrovox simcams` serves and the lines that change it: ring of images, faults, timetable, control. */
 #include "daemon/cli/simcams/faults.c"
 #include "daemon/cli/simcams/ring.c"
 #include "tests/lib/plugins.h"
@@ -6,63 +6,74 @@
 
 static struct rec_rig rig;
 
-T_CASE(options_for_all_or_some)
+static pvx_err set_line(const char *line, struct simcams_state *st, struct pvx_diag *d)
+{
+    struct simcams_plan plan = {0};
+    pvx_err e = simcams_set_line(&rig, line, st, &plan, d);
+    T_EQ_I(plan.n, 0);
+    return e;
+}
+
+T_CASE(set_for_all_or_one)
 {
     struct simcams_state st[3] = {0};
     struct pvx_diag d = {""};
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_DROP, "0.25", st, &d), PVX_OK);
+    T_EQ_I(set_line("drop all 0.25", st, &d), PVX_OK);
     T_NEAR(st[0].fault.drop, 0.25, 0);
     T_NEAR(st[2].fault.drop, 0.25, 0);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_SKEW, "cam1=-500,cam2=1e3", st, &d), PVX_OK);
+    T_EQ_I(set_line("skew cam1 -500", st, &d), PVX_OK);
+    T_EQ_I(set_line("skew cam2 1e3", st, &d), PVX_OK);
     T_NEAR(st[0].fault.skew_us, 0, 0);
     T_NEAR(st[1].fault.skew_us, -500, 0);
     T_NEAR(st[2].fault.skew_us, 1000, 0);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_DELAY, "cam0=12", st, &d), PVX_OK);
+    T_EQ_I(set_line("delay cam0 12", st, &d), PVX_OK);
     T_NEAR(st[0].fault.delay_ms, 12, 0);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_LOSS, "cam0=0.1", st, &d), PVX_OK);
+    T_EQ_I(set_line("loss cam0 0.1", st, &d), PVX_OK);
     T_NEAR(st[0].fault.packet_loss, 0.1, 0);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_DRIFT, "40", st, &d), PVX_OK);
+    T_EQ_I(set_line("drift all 40", st, &d), PVX_OK);
     T_NEAR(st[1].fault.drift_ppm, 40, 0);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_SHIFT, "cam1=64:-2.5,cam2=0:1", st, &d), PVX_OK);
+    T_EQ_I(set_line("shift cam1 64:-2.5", st, &d), PVX_OK);
+    T_EQ_I(set_line("shift cam2 0:1", st, &d), PVX_OK);
     T_NEAR(st[1].fault.optics.shift[0], 64, 0);
     T_NEAR(st[1].fault.optics.shift[1], -2.5, 0);
     T_NEAR(st[2].fault.optics.shift[1], 1, 0);
     T_NEAR(st[0].fault.optics.shift[0], 0, 0);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_CAP, "cam1=on", st, &d), PVX_OK);
+    T_EQ_I(set_line("cap cam1 on", st, &d), PVX_OK);
     T_OK(!st[0].fault.optics.cap && st[1].fault.optics.cap);
-    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_CAP, "on,cam1=off", st, &d), PVX_OK);
+    T_EQ_I(set_line("cap all on", st, &d), PVX_OK);
+    T_EQ_I(set_line("cap cam1 off", st, &d), PVX_OK);
     T_OK(st[0].fault.optics.cap && !st[1].fault.optics.cap);
+    T_EQ_I(set_line("kill cam1", st, &d), PVX_OK);
+    T_OK(!st[1].alive);
 }
 
-T_CASE(options_that_are_wrong)
+T_CASE(lines_that_are_wrong)
 {
     static const struct {
-        enum simcams_fault_kind kind;
-        const char *text;
+        const char *line;
         pvx_err e;
         const char *says;
-    } bad[] = {{SIMCAMS_DROP, "1.5", PVX_EINVAL, "0 to 1"},
-               {SIMCAMS_DROP, "cam7=0.1", PVX_ENOENT, "cam7"},
-               {SIMCAMS_DROP, "cam1=", PVX_EINVAL, "cam1"},
-               {SIMCAMS_DROP, "", PVX_EINVAL, "drop"},
-               {SIMCAMS_DROP, "0.1,", PVX_EINVAL, "drop"},
-               {SIMCAMS_DROP, "nan", PVX_EINVAL, "nan"},
-               {SIMCAMS_DROP, "=0.1", PVX_ENOENT, "''"},
-               {SIMCAMS_SHIFT, "64", PVX_EINVAL, "shift all: '64' should be two numbers X:Y"},
-               {SIMCAMS_SHIFT, "cam1=64:", PVX_EINVAL, "shift cam1"},
-               {SIMCAMS_SHIFT, "1:2:3", PVX_EINVAL, "shift"},
-               {SIMCAMS_SHIFT, "1:20000", PVX_EINVAL, "-16384 to 16384"},
-               {SIMCAMS_GAIN, "1:2", PVX_EINVAL, "gain all: '1:2' should be a number"},
-               {SIMCAMS_GAIN, "-1", PVX_EINVAL, "0 to 1000"},
-               {SIMCAMS_RESPONSE, "0", PVX_EINVAL, "0.1 to 10"},
-               {SIMCAMS_LATE, "64", PVX_EINVAL, "0 to 63"},
-               {SIMCAMS_VIGNETTING, "1", PVX_EINVAL, "0 to 0.99"},
-               {SIMCAMS_CAP, "1", PVX_EINVAL, "cap all: '1' should be on or off"},
-               {SIMCAMS_CAP, "cam1", PVX_EINVAL, "on or off"}};
+    } bad[] = {{"drop all 1.5", PVX_EINVAL, "0 to 1"},
+               {"drop cam7 0.1", PVX_ENOENT, "cam7"},
+               {"drop cam1", PVX_EINVAL, "cam1"},
+               {"drop", PVX_EINVAL, "drop"},
+               {"drop all 0.1,", PVX_EINVAL, "drop"},
+               {"drop all nan", PVX_EINVAL, "nan"},
+               {"shift all 64", PVX_EINVAL, "shift all: '64' should be two numbers X:Y"},
+               {"shift cam1 64:", PVX_EINVAL, "shift cam1"},
+               {"shift all 1:2:3", PVX_EINVAL, "shift"},
+               {"shift all 1:20000", PVX_EINVAL, "-16384 to 16384"},
+               {"gain all 1:2", PVX_EINVAL, "gain all: '1:2' should be a number"},
+               {"gain all -1", PVX_EINVAL, "0 to 1000"},
+               {"response all 0", PVX_EINVAL, "0.1 to 10"},
+               {"late all 64", PVX_EINVAL, "0 to 63"},
+               {"vignetting all 1", PVX_EINVAL, "0 to 0.99"},
+               {"cap all 1", PVX_EINVAL, "cap all: '1' should be on or off"},
+               {"cap all cam1", PVX_EINVAL, "on or off"}};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
         struct simcams_state st[3] = {0};
         struct pvx_diag d = {""};
-        T_EQ_I(simcams_fault_option(&rig, bad[k].kind, bad[k].text, st, &d), bad[k].e);
+        T_EQ_I(set_line(bad[k].line, st, &d), bad[k].e);
         T_CONTAINS(d.text, bad[k].says);
     }
 }
@@ -70,29 +81,28 @@ T_CASE(options_that_are_wrong)
 T_CASE(timetable_is_in_order)
 {
     struct simcams_plan plan = {0};
+    struct simcams_state st[3] = {0};
     struct pvx_diag d = {""};
-    T_EQ_I(simcams_plan_option(&rig, true, "cam0@5-9.5", &plan, &d), PVX_OK);
-    T_EQ_I(simcams_plan_option(&rig, false, "cam2@1", &plan, &d), PVX_OK);
-    T_EQ_I(simcams_plan_option(&rig, true, "all@7", &plan, &d), PVX_OK);
-    T_EQ_I(simcams_plan_line(&rig, "6:reboot cam1 2.5", &plan, &d), PVX_OK);
-    T_EQ_I(plan.n, 5);
-    static const char *const want[] = {"kill cam2", "freeze cam0 on", "reboot cam1 2.5",
-                                       "freeze all on", "freeze cam0 off"};
+    T_EQ_I(simcams_at_line(&rig, "5:freeze cam0 on", &plan, &d), PVX_OK);
+    T_EQ_I(simcams_at_line(&rig, "9.5:freeze cam0 off", &plan, &d), PVX_OK);
+    T_EQ_I(simcams_at_line(&rig, "1:kill cam2", &plan, &d), PVX_OK);
+    T_EQ_I(simcams_at_line(&rig, "7:freeze all on", &plan, &d), PVX_OK);
+    T_EQ_I(simcams_at_line(&rig, "6:reboot cam1 2.5", &plan, &d), PVX_OK);
+    T_EQ_I(simcams_set_line(&rig, "line 30", st, &plan, &d), PVX_OK);
+    T_EQ_I(plan.n, 6);
+    static const char *const want[] = {"line 30",         "kill cam2",     "freeze cam0 on",
+                                       "reboot cam1 2.5", "freeze all on", "freeze cam0 off"};
     for (size_t k = 0; k < plan.n; k++)
         T_EQ_S(plan.event[k].line, want[k]);
-    static const char *const bad[] = {"cam0", "cam0@", "cam0@x", "@3", "cam9@3", "cam0@-1"};
+    static const char *const bad[] = {"kill cam0",    "x:kill cam0", "3:kill cam9", ":",
+                                      "-1:pulse",     "3:explode",   "cam0@3",      "3:kill",
+                                      "@3:kill cam0", ":kill cam0"};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++)
-        T_OK(simcams_plan_option(&rig, false, bad[k], &plan, NULL) != PVX_OK);
-    static const char *const bad_lines[] = {"kill cam0", "x:kill cam0", "3:kill cam9",
-                                            ":",         "-1:pulse",    "3:explode"};
-    for (size_t k = 0; k < sizeof bad_lines / sizeof bad_lines[0]; k++)
-        T_OK(simcams_plan_line(&rig, bad_lines[k], &plan, NULL) != PVX_OK);
-    T_OK(simcams_plan_option(&rig, true, "cam0@9-5", &plan, NULL) != PVX_OK);
-    T_OK(simcams_plan_option(&rig, false, "cam0@5-9", &plan, NULL) != PVX_OK);
-    T_EQ_I(plan.n, 5);
+        T_OK(simcams_at_line(&rig, bad[k], &plan, NULL) != PVX_OK);
+    T_EQ_I(plan.n, 6);
     pvx_err e = PVX_OK;
     for (int k = 0; k < 100 && e == PVX_OK; k++)
-        e = simcams_plan_option(&rig, false, "cam0@1", &plan, NULL);
+        e = simcams_at_line(&rig, "1:kill cam0", &plan, NULL);
     T_EQ_I(e, PVX_ERANGE);
     T_EQ_I(plan.n, SIMCAMS_MAX_EVENTS);
 }

@@ -1,6 +1,10 @@
-/* calibrate.h - the parts of `pyrovox calibrate`, one file each: calibrate_<name>.c. */
+/* calibrate.h - the steps of `pyrovox calibrate`, one file each. */
 #ifndef CLI_CALIBRATE_H
 #define CLI_CALIBRATE_H
+#include "base/err.h"
+
+/* Exit code of a step that is over: 130 and a line on stderr for PVX_ECANCELED, else as cli_error. */
+int calibrate_end(pvx_err e, const struct pvx_diag *d);
 
 /* argv[0] = "pyrovox calibrate NAME"; exit code. */
 int calibrate_background(int argc, char **argv);

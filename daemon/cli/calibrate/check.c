@@ -93,9 +93,5 @@ int calibrate_check(int argc, char **argv)
     cli_catch_stop();
     pvx_err e = check_run(&a, &s, &wrong, &d);
     flame_sets_fini(&s);
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "\npyrovox: stopped\n");
-        return 130;
-    }
-    return e != PVX_OK ? cli_error(&d, e) : wrong;
+    return e == PVX_OK ? wrong : calibrate_end(e, &d);
 }

@@ -15,12 +15,13 @@ static const char doc[] =
     "exposure, gain and temperature (5 degrees): takes of others are refused. Every camera of the "
     "rig that has pictures gets one.";
 
-static pvx_err dark_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err dark_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *pic,
+                        size_t m, struct pvx_diag *d)
 {
+    (void)m; /* one group */
     struct rec_camera *k = &l->rig.cameras[c];
     struct rec_photometry *p = &k->photometry;
     const struct calibrate_stack *s = calibrate_light_stack(l, 0, c);
-    const struct rec_light_picture *pic = &s->picture;
     struct pvx_diag why = {""};
     struct rec_dark r;
     size_t n = (size_t)pic->width * (size_t)pic->height * (size_t)pic->channels;
@@ -49,25 +50,14 @@ static pvx_err dark_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 
 static pvx_err dark_step(struct calibrate_light *l, struct pvx_diag *d)
 {
-    bool any = false;
     if (l->a->n != 1)
         return pvx_fail(
             d, PVX_EINVAL,
             "a rig has darks of one exposure: give one --frames, and a rig for each exposure");
-    for (size_t c = 0; c < l->rig.n_cameras; c++)
-        if (calibrate_light_stack(l, 0, c)->picture.n > 0) {
-            PVX_TRY(dark_one(l, c, d));
-            any = true;
-        }
-    if (!any)
-        return pvx_fail(d, PVX_ENOENT, "%s: no picture could be used", l->a->frames[0]);
-    return calibrate_light_save(l, d);
+    return calibrate_light_cameras(l, dark_one, d);
 }
 
 int calibrate_dark(int argc, char **argv)
 {
-    struct calibrate_light_args a;
-    if (calibrate_light_parse(&a, doc, argc, argv) != 0)
-        return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE, dark_step);
+    return calibrate_light_main(doc, DMN_LIGHT_RESPONSE, dark_step, argc, argv);
 }

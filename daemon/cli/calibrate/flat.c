@@ -19,26 +19,8 @@ static const char doc[] = "Sensitivity of each pixel, vignetting with it, from p
                           "too (photon transfer). One place is "
                           "refused: it cannot tell the lens from the source.";
 
-static void measure_noise(struct rec_camera *k, const struct rec_light_picture *p, size_t m)
-{
-    struct rec_noise noise;
-    struct rec_photometry *to = &k->photometry;
-    struct pvx_diag why = {""};
-    if (to->dark.file[0] == '\0') /* light would count from the pedestal */
-        return;
-    if (rec_light_noise(p, m, &noise, &why) != PVX_OK) {
-        printf("%-12s noise not measured: %s\n", k->name, why.text);
-        return;
-    }
-    to->has_noise = true;
-    to->read_noise = fmin(noise.read, 1);
-    to->noise_gain = fmin(noise.gain, 1);
-    printf("%-12s noise: variance = %.5f^2 + %.3g * light (full scale = 1)\n", k->name, noise.read,
-           noise.gain);
-}
-
-/* The camera that the darks are of, or, without any, the one that these are of from now on. */
-static pvx_err who(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+/* The pictures must be of the camera of the darks.  Without darks they say which camera it is. */
+static pvx_err flat_identity(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
     for (size_t g = 0; g < l->a->n; g++) {
@@ -54,16 +36,13 @@ static pvx_err who(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err flat_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err flat_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *p,
+                        size_t m, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
-    struct rec_light_picture p[CALIBRATE_GROUPS];
     struct pvx_diag why = {""};
     struct rec_flat r;
-    size_t m = calibrate_light_of(l, c, p);
-    if (m == 0)
-        return PVX_OK;
-    PVX_TRY(who(l, c, d));
+    PVX_TRY(flat_identity(l, c, d));
     float *map =
         pvx_calloc((size_t)p->width * (size_t)p->height * (size_t)p->channels, sizeof *map);
     if (map == NULL)
@@ -76,21 +55,18 @@ static pvx_err flat_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
         return e;
     printf("%-12s %zu places: down to %.2f of the middle, %.4f rms is left, %zu pixels marked\n",
            k->name, m, r.vignetting, r.residual, r.bad);
-    measure_noise(k, p, m);
+    /* without a dark, light would count from the pedestal */
+    if (k->photometry.dark.file[0] != '\0' && calibrate_light_noise(k, p, m, &why) != PVX_OK)
+        printf("%-12s noise not measured: %s\n", k->name, why.text);
     return PVX_OK;
 }
 
 static pvx_err flat_step(struct calibrate_light *l, struct pvx_diag *d)
 {
-    for (size_t c = 0; c < l->rig.n_cameras; c++)
-        PVX_TRY(flat_one(l, c, d));
-    return calibrate_light_save(l, d);
+    return calibrate_light_cameras(l, flat_one, d);
 }
 
 int calibrate_flat(int argc, char **argv)
 {
-    struct calibrate_light_args a;
-    if (calibrate_light_parse(&a, doc, argc, argv) != 0)
-        return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, flat_step);
+    return calibrate_light_main(doc, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, flat_step, argc, argv);
 }

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "base/mem.h"
+#include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/common/opt_rig.h"
@@ -60,13 +61,6 @@ static error_t light_parse(int key, char *arg, struct argp_state *st)
 }
 
 const struct argp calibrate_light_argp = {.options = options, .parser = light_parse};
-
-int calibrate_light_parse(struct calibrate_light_args *a, const char *doc, int argc, char **argv)
-{
-    const struct argp argp = {.options = options, .parser = light_parse, .doc = doc};
-    *a = (struct calibrate_light_args){0};
-    return argp_parse(&argp, argc, argv, 0, NULL, a) == 0 ? 0 : 2;
-}
 
 /* ---- begin and end ---- */
 
@@ -138,11 +132,55 @@ int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
     if (e == PVX_OK)
         e = step(&l, &d);
     calibrate_light_fini(&l);
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
-        return 130;
+    return calibrate_end(e, &d);
+}
+
+pvx_err calibrate_light_cameras(struct calibrate_light *l,
+                                pvx_err (*one)(struct calibrate_light *l, size_t c,
+                                               const struct rec_light_picture *p, size_t m,
+                                               struct pvx_diag *d),
+                                struct pvx_diag *d)
+{
+    struct rec_light_picture p[CALIBRATE_GROUPS];
+    size_t with = 0;
+    for (size_t c = 0; c < l->rig.n_cameras; c++) {
+        size_t m = 0;
+        for (size_t g = 0; g < l->a->n; g++)
+            if (calibrate_light_stack(l, g, c)->picture.n > 0)
+                p[m++] = calibrate_light_stack(l, g, c)->picture;
+        if (m > 0)
+            PVX_TRY(one(l, c, p, m, d));
+        with += m > 0;
     }
-    return e == PVX_OK ? 0 : cli_error(&d, e);
+    if (with == 0)
+        return pvx_fail(d, PVX_ENOENT, "%s: no picture could be used", l->a->frames[0]);
+    return calibrate_light_save(l, d);
+}
+
+pvx_err calibrate_light_noise(struct rec_camera *k, const struct rec_light_picture *p, size_t m,
+                              struct pvx_diag *why)
+{
+    struct rec_noise noise;
+    PVX_TRY(rec_light_noise(p, m, &noise, why));
+    k->photometry.has_noise = true;
+    k->photometry.read_noise = fmin(noise.read, 1);
+    k->photometry.noise_gain = fmin(noise.gain, 1);
+    printf("%-12s variance = %.5f^2 + %.3g * light (full scale = 1), %zu levels\n", k->name,
+           noise.read, noise.gain, m);
+    return PVX_OK;
+}
+
+int calibrate_light_main(const char *doc, unsigned what,
+                         pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d), int argc,
+                         char **argv)
+{
+    const struct argp argp = {.options = options, .parser = light_parse, .doc = doc};
+    struct calibrate_light_args a = {0};
+    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
+        return 2;
+    if (what == 0)
+        a.reading.transfer = CAP_TRANSFER_LINEAR;
+    return calibrate_light_run(&a, what, step);
 }
 
 /* ---- pictures ---- */
@@ -151,16 +189,6 @@ struct calibrate_stack *calibrate_light_stack(const struct calibrate_light *l, s
                                               size_t camera)
 {
     return &l->stack[group * REC_MAX_CAMERAS + camera];
-}
-
-size_t calibrate_light_of(const struct calibrate_light *l, size_t camera,
-                          struct rec_light_picture *out)
-{
-    size_t n = 0;
-    for (size_t g = 0; g < l->a->n; g++)
-        if (calibrate_light_stack(l, g, camera)->picture.n > 0)
-            out[n++] = calibrate_light_stack(l, g, camera)->picture;
-    return n;
 }
 
 /* The first picture of a camera says what they are. */

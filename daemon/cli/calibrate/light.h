@@ -24,9 +24,6 @@ struct calibrate_light_args {
 };
 /* Child of a step's argp; its input is the args.  Usage errors end the program with 2. */
 extern const struct argp calibrate_light_argp;
-/* A step whose options are these only; exit code 2 or 0. */
-int calibrate_light_parse(struct calibrate_light_args *a, const char *doc, int argc, char **argv);
-
 /* A camera's pictures of a group. */
 struct calibrate_stack {
     struct rec_light_picture picture; /* n 0: it has none */
@@ -58,9 +55,17 @@ PVX_MUST_CHECK pvx_err calibrate_light_begin(struct calibrate_light *l,
 PVX_MUST_CHECK pvx_err calibrate_light_read(struct calibrate_light *l, struct pvx_diag *d);
 struct calibrate_stack *calibrate_light_stack(const struct calibrate_light *l, size_t group,
                                               size_t camera);
-/* Camera c's pictures in all groups that have some, into out[CALIBRATE_GROUPS]; how many. */
-size_t calibrate_light_of(const struct calibrate_light *l, size_t camera,
-                          struct rec_light_picture *out);
+/* one(camera c, its pictures of the m groups that have some) for every camera with pictures, then save.
+ * PVX_ENOENT: no camera has any. */
+PVX_MUST_CHECK pvx_err calibrate_light_cameras(struct calibrate_light *l,
+                                               pvx_err (*one)(struct calibrate_light *l, size_t c,
+                                                              const struct rec_light_picture *p,
+                                                              size_t m, struct pvx_diag *d),
+                                               struct pvx_diag *d);
+/* Noise by photon transfer into camera k, and a line on stdout.  Errors: rec_light_noise's. */
+PVX_MUST_CHECK pvx_err calibrate_light_noise(struct rec_camera *k,
+                                             const struct rec_light_picture *p, size_t m,
+                                             struct pvx_diag *why);
 /* A map of camera c beside the new rig, and its name and hash into *m.  kind "dark", "flat". */
 PVX_MUST_CHECK pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera,
                                            const char *kind, const float *v, struct rec_map *m,
@@ -70,9 +75,13 @@ void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry 
 /* The rig to --out. */
 PVX_MUST_CHECK pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d);
 void calibrate_light_fini(struct calibrate_light *l);
-/* begin, read, `step`, save and fini; exit code. */
+/* begin, read, `step` and fini; exit code. */
 int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
                         pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d));
+/* The same for a step without options of its own.  what 0: samples are taken as they are, without a transfer curve. */
+int calibrate_light_main(const char *doc, unsigned what,
+                         pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d), int argc,
+                         char **argv);
 /* "camera NAME: why" in the place of why. */
 PVX_MUST_CHECK pvx_err calibrate_light_fail(const struct rec_camera *k, pvx_err e,
                                             const struct pvx_diag *why, struct pvx_diag *d);

@@ -305,16 +305,59 @@ static int in_order(const void *a, const void *b)
                                   : (p->frame > q->frame) - (p->frame < q->frame);
 }
 
-/* The pictures as calibrate_find would have them. */
-static pvx_err put_in_order(struct calibrate_look *k, struct pvx_diag *d)
+/* The command line names this camera, or places the world by it. */
+static bool live_needs(const struct calibrate_job *j, uint32_t camera)
 {
+    const struct rec_calib_options *o = &j->in.options;
+    const struct calibrate_names *lists[] = {&j->a->add, &j->a->recover};
+    bool needed = o->world == REC_WORLD_UP && o->up_camera == camera;
+    for (size_t i = 0; i < o->n_measured; i++)
+        needed |= o->measured[i].a == camera || o->measured[i].b == camera;
+    for (size_t k = 0; k < 2; k++)
+        for (size_t i = 0; i < lists[k]->n; i++)
+            needed |= strcmp(lists[k]->name[i], j->look.camera[camera].name) == 0;
+    return needed;
+}
+
+/* Cameras without a picture leave the job, and the others are numbered anew.  PVX_EINVAL: one of them is needed. */
+static pvx_err live_leave_out(struct calibrate_job *j, struct pvx_diag *d)
+{
+    struct calibrate_look *k = &j->look;
+    uint32_t to[REC_MAX_CAMERAS], n = 0;
+    for (uint32_t c = 0; c < k->n_cameras; c++) {
+        const char *name = k->camera[c].name;
+        bool any = k->count[c].pictures > 0;
+        if (!any && live_needs(j, c))
+            return pvx_fail(d, PVX_EINVAL, "%s: no picture was taken with it: is it connected?",
+                            name);
+        if (!any)
+            fprintf(stderr,
+                    "pyrovox: %s gave no picture: the rig is made without it (is it connected?)\n",
+                    name);
+        to[c] = n;
+        k->camera[n] = k->camera[c];
+        k->count[n] = k->count[c];
+        n += any;
+    }
+    k->n_cameras = n;
+    for (size_t i = 0; i < k->n; i++)
+        k->picture[i].camera = k->picture[i].view.camera = to[k->picture[i].camera];
+    for (size_t i = 0; i < j->in.options.n_measured; i++) {
+        j->measured[i].a = to[j->measured[i].a];
+        j->measured[i].b = to[j->measured[i].b];
+    }
+    j->in.options.up_camera = to[j->in.options.up_camera];
+    return PVX_OK;
+}
+
+/* The pictures as calibrate_find would have them. */
+static pvx_err put_in_order(struct calibrate_job *j, struct pvx_diag *d)
+{
+    struct calibrate_look *k = &j->look;
     qsort(k->picture, k->n, sizeof *k->picture, in_order);
     for (size_t i = 0; i < k->n; i++)
         k->count[k->picture[i].camera].pictures++;
-    for (size_t c = 0; c < k->n_cameras; c++)
-        if (k->count[c].pictures == 0)
-            return pvx_fail(d, PVX_EINVAL, "%s: no picture was taken with it: is it connected?",
-                            k->camera[c].name);
+    PVX_TRY(live_leave_out(j, d));
     return calibrate_look_count(k, d);
 }
 
@@ -328,7 +371,7 @@ static pvx_err live_conclude(struct live *l, struct pvx_diag *d)
         l->poses, l->frames, l->taken_now, (unsigned long long)l->looks,
         (unsigned long long)(l->skipped + l->dropped));
     cli_stop = 0; /* once more ends this too */
-    PVX_TRY(put_in_order(&l->job.look, d));
+    PVX_TRY(put_in_order(&l->job, d));
     return calibrate_conclude(&l->job, d);
 }
 

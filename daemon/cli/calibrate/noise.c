@@ -14,41 +14,26 @@ static const char doc[] =
     "--frames bright.h5 --out rig4.yaml\n"
     "After dark. Flicker of the whole light up to 2 % is taken out.";
 
+static pvx_err noise_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *p,
+                         size_t m, struct pvx_diag *d)
+{
+    struct rec_camera *k = &l->rig.cameras[c];
+    struct pvx_diag why = {""};
+    if (k->photometry.dark.file[0] == '\0')
+        return pvx_fail(d, PVX_EINVAL,
+                        "camera %s: %s has no dark of it, and light counts from the dark: run "
+                        "`pyrovox calibrate dark` first",
+                        k->name, l->a->rig);
+    pvx_err e = calibrate_light_noise(k, p, m, &why);
+    return e == PVX_OK ? e : calibrate_light_fail(k, e, &why, d);
+}
+
 static pvx_err noise_step(struct calibrate_light *l, struct pvx_diag *d)
 {
-    size_t with = 0;
-    for (size_t c = 0; c < l->rig.n_cameras; c++) {
-        struct rec_camera *k = &l->rig.cameras[c];
-        struct rec_light_picture p[CALIBRATE_GROUPS];
-        struct rec_noise noise;
-        struct pvx_diag why = {""};
-        size_t m = calibrate_light_of(l, c, p);
-        if (m == 0)
-            continue;
-        if (k->photometry.dark.file[0] == '\0')
-            return pvx_fail(d, PVX_EINVAL,
-                            "camera %s: %s has no dark of it, above which light counts: measure "
-                            "that first (pyrovox calibrate dark)",
-                            k->name, l->a->rig);
-        pvx_err e = rec_light_noise(p, m, &noise, &why);
-        if (e != PVX_OK)
-            return calibrate_light_fail(k, e, &why, d);
-        k->photometry.has_noise = true;
-        k->photometry.read_noise = fmin(noise.read, 1);
-        k->photometry.noise_gain = fmin(noise.gain, 1);
-        printf("%-12s variance = %.5f^2 + %.3g * light (full scale = 1), %zu levels\n", k->name,
-               noise.read, noise.gain, m);
-        with++;
-    }
-    if (with == 0)
-        return pvx_fail(d, PVX_ENOENT, "no camera of the rig has pictures");
-    return calibrate_light_save(l, d);
+    return calibrate_light_cameras(l, noise_one, d);
 }
 
 int calibrate_noise(int argc, char **argv)
 {
-    struct calibrate_light_args a;
-    if (calibrate_light_parse(&a, doc, argc, argv) != 0)
-        return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, noise_step);
+    return calibrate_light_main(doc, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, noise_step, argc, argv);
 }

@@ -1,6 +1,4 @@
 /* refine.c - `pyrovox calibrate refine`: the poses of a rig corrected by a flame. */
-#include "daemon/cli/calibrate/refine.h"
-
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,6 +6,7 @@
 
 #include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/flame_sets.h"
 #include "daemon/cli/common/opt_rig.h"
 #include "recon/check/refine.h"
 
@@ -109,38 +108,29 @@ static pvx_err refine_write_rig(const struct flame_sets *s, const char *path, st
     return e;
 }
 
-static pvx_err calibrate_refine_refine(struct flame_sets *s, const char *out, bool *accepted,
-                                       struct pvx_diag *d)
+static pvx_err refine_rig(struct flame_sets *s, const struct args *a, bool *accepted,
+                          struct pvx_diag *d)
 {
     struct rec_refine_report o;
+    if (!a->force && access(a->out, F_OK) == 0)
+        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
+    PVX_TRY(flame_sets_load(s, &a->sets, d));
     struct rec_check_source from = flame_sets_source(s, "refine");
     PVX_TRY(rec_refine(&s->rig, &s->params, s->pool, &from, &o, d));
     refine_say(&s->rig, &o);
     *accepted = o.accepted;
     if (o.accepted) {
-        PVX_TRY(refine_write_rig(s, out, d));
-        printf("%s: unseen views of held-out frames: error %.4f -> %.4f\n", out, o.error[0],
+        PVX_TRY(refine_write_rig(s, a->out, d));
+        printf("%s: unseen views of held-out frames: error %.4f -> %.4f\n", a->out, o.error[0],
                o.error[o.best]);
     }
     fflush(stdout);
     if (!o.accepted)
         fprintf(stderr,
                 "pyrovox: not refined: held-out frames do not get better (error %.4f -> %.4f in "
-                "unseen views); the rig stays as it was\n",
+                "unseen views); no rig was written\n",
                 o.error[0], o.error[o.rounds]);
     return PVX_OK;
-}
-
-pvx_err calibrate_refine_rig(const struct flame_sets_args *a, const char *out, bool *accepted,
-                             struct pvx_diag *d)
-{
-    struct flame_sets s = {0};
-    *accepted = false;
-    pvx_err e = flame_sets_load(&s, a, d);
-    if (e == PVX_OK)
-        e = calibrate_refine_refine(&s, out, accepted, d);
-    flame_sets_fini(&s);
-    return e;
 }
 
 int calibrate_refine(int argc, char **argv)
@@ -152,16 +142,10 @@ int calibrate_refine(int argc, char **argv)
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     struct pvx_diag d = {""};
+    struct flame_sets s = {0};
     bool accepted = false;
     cli_catch_stop();
-    pvx_err e = PVX_OK;
-    if (!a.force && access(a.out, F_OK) == 0)
-        e = pvx_fail(&d, PVX_EBUSY, "%s is there already; --force writes over it", a.out);
-    if (e == PVX_OK)
-        e = calibrate_refine_rig(&a.sets, a.out, &accepted, &d);
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
-        return 130;
-    }
-    return e != PVX_OK ? cli_error(&d, e) : !accepted;
+    pvx_err e = refine_rig(&s, &a, &accepted, &d);
+    flame_sets_fini(&s);
+    return e == PVX_OK ? !accepted : calibrate_end(e, &d);
 }

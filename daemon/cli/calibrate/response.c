@@ -17,17 +17,14 @@ static const char doc[] =
     "those of "
     "the rig are taken out of it.";
 
-static pvx_err response_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err response_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *p,
+                            size_t m, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
     struct rec_photometry *to = &k->photometry;
-    struct rec_light_picture p[CALIBRATE_GROUPS];
     struct pvx_diag why = {""};
     struct rec_response r;
     double bend = 0;
-    size_t m = calibrate_light_of(l, c, p);
-    if (m == 0)
-        return PVX_OK;
     pvx_err e = rec_light_response(p, m, &r, &why);
     if (e != PVX_OK)
         return calibrate_light_fail(k, e, &why, d);
@@ -46,16 +43,10 @@ static pvx_err response_one(struct calibrate_light *l, size_t c, struct pvx_diag
 
 static pvx_err response_step(struct calibrate_light *l, struct pvx_diag *d)
 {
-    for (size_t c = 0; c < l->rig.n_cameras; c++)
-        PVX_TRY(response_one(l, c, d));
-    return calibrate_light_save(l, d);
+    return calibrate_light_cameras(l, response_one, d);
 }
 
 int calibrate_response(int argc, char **argv)
 {
-    struct calibrate_light_args a;
-    if (calibrate_light_parse(&a, doc, argc, argv) != 0)
-        return 2;
-    a.reading.transfer = CAP_TRANSFER_LINEAR; /* samples as they are */
-    return calibrate_light_run(&a, 0, response_step);
+    return calibrate_light_main(doc, 0, response_step, argc, argv);
 }

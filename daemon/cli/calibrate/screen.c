@@ -40,10 +40,12 @@ static void screen_say_missing(const struct live *l, char *out, size_t size)
     for (uint32_t k = 1; k < g.groups && said < 3; k++)
         for (uint32_t c = 0; c < nc; c++)
             if (g.group[c] == k) {
-                n = screen_add(out, size, n, "%s%s: %s", said++ > 0 ? "; " : "",
+                n = screen_add(out, size, n, "%s%s: %s%s%.120s", said++ > 0 ? "; " : "",
                                screen_name_of(l, c),
-                               l->camera[c].boards > 0 ? "no pose together with the others"
-                                                       : "has not seen the board");
+                               !l->camera[c].running     ? "does not run"
+                               : l->camera[c].boards > 0 ? "no pose together with the others"
+                                                         : "has not seen the board",
+                               l->camera[c].error[0] != '\0' ? ": " : "", l->camera[c].error);
                 break;
             }
     for (size_t i = g.n_tree; i-- > 0 && said < 4;)
@@ -54,20 +56,16 @@ static void screen_say_missing(const struct live *l, char *out, size_t size)
                            g.tree[i].common == 1 ? "" : "s", REC_CALIB_JOINT);
 }
 
-/* Before anything is solved, or for a camera that is not joined yet: show it the board. */
+/* A camera that runs and is not joined yet must see the board first. */
 static bool join_first(const struct live *l, char *out, size_t size)
 {
     struct calibrate_graph g;
     size_t nc = l->job.look.n_cameras;
     calibrate_graph(l->common, nc, &g);
     for (uint32_t c = 0; c < nc && g.groups > 1; c++)
-        if (g.group[c] != 0) {
-            if (l->camera[c].running)
-                snprintf(out, size, "show the board to %s and a camera beside it at once",
-                         screen_name_of(l, c));
-            else
-                snprintf(out, size, "%s does not run%s%s", screen_name_of(l, c),
-                         l->camera[c].error[0] != '\0' ? ": " : "", l->camera[c].error);
+        if (g.group[c] != 0 && l->camera[c].running) {
+            snprintf(out, size, "show the board to %s and a camera beside it at once",
+                     screen_name_of(l, c));
             return true;
         }
     return false;

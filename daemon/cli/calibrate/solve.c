@@ -5,28 +5,17 @@
 #include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/calibrate/job.h"
 #include "daemon/cli/calibrate/modes.h"
-#include "daemon/cli/calibrate/refine.h"
 #include "daemon/cli/common/cli.h"
 
 struct args {
     struct calibrate_args c;
-    const char *frames, *flame;
-    double black;            /* of the flame */
+    const char *frames;
     int64_t every, from, to; /* every 0: not said */
     const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
     size_t n_binning, n_region;
 };
 
-enum {
-    OPT_FRAMES = 0x100,
-    OPT_EVERY,
-    OPT_FROM,
-    OPT_TO,
-    OPT_BINNING,
-    OPT_REGION,
-    OPT_FLAME,
-    OPT_BLACK
-};
+enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_BINNING, OPT_REGION };
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
@@ -47,11 +36,6 @@ static const struct argp_option options[] = {
      "are; "
      "may be repeated",
      0},
-    {"refine-with-flame", OPT_FLAME, "DIR|TAKE.h5", 0,
-     "then correct the poses by a flame, as `pyrovox calibrate refine` does; where that makes "
-     "nothing better the rig of the board stays",
-     0},
-    {"black", OPT_BLACK, "X", 0, "black level of the flame's pictures, share of full scale (0)", 0},
     {0}};
 
 static const char doc[] =
@@ -92,8 +76,6 @@ static error_t solve_parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
     case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
     case OPT_BINNING: solve_keep(st, a->binning, &a->n_binning, arg); return 0;
-    case OPT_FLAME: a->flame = arg; return 0;
-    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
     case OPT_REGION: solve_keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
@@ -137,20 +119,6 @@ static pvx_err solve_run(struct calibrate_job *j, const struct args *a, struct p
     return e == PVX_OK ? calibrate_conclude(j, d) : e;
 }
 
-/* The rig that was written, by a flame. */
-static pvx_err solve_refine(const struct args *a, struct pvx_diag *d)
-{
-    struct flame_sets_args sets = FLAME_SETS_INIT;
-    bool accepted;
-    sets.rig = a->c.out;
-    sets.frames = a->flame;
-    sets.black = a->black;
-    sets.threads = a->c.threads;
-    sets.quiet = a->c.quiet;
-    printf("\n");
-    return calibrate_refine_rig(&sets, a->c.out, &accepted, d);
-}
-
 int calibrate_solve(int argc, char **argv)
 {
     struct args a = {.c = CALIBRATE_ARGS_INIT, .to = REC_NO_FRAME};
@@ -163,16 +131,5 @@ int calibrate_solve(int argc, char **argv)
     struct calibrate_job j = {0};
     pvx_err e = solve_run(&j, &a, &d);
     calibrate_job_fini(&j);
-    bool written = e == PVX_OK;
-    if (written && a.flame != NULL)
-        e = solve_refine(&a, &d);
-    if (e == PVX_ECANCELED && written) {
-        fprintf(stderr, "\npyrovox: stopped; %s is the rig of the board\n", a.c.out);
-        return 130;
-    }
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
-        return 130;
-    }
-    return e == PVX_OK ? 0 : cli_error(&d, e);
+    return calibrate_end(e, &d);
 }

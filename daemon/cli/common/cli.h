@@ -14,9 +14,6 @@ struct cli_command {
     int (*run)(int argc, char **argv); /* argv[0] = "pyrovox NAME" */
 };
 int cmd_cameras_test(int argc, char **argv); /* `pyrovox cameras test`, likewise */
-/* `pyrovox record --raw`: a running daemon begins or ends a take of raw frames.  action "start" or "stop";
- * out: the take's file, NULL = as the daemon is configured.  Exit code. */
-int record_raw(const char *control, const char *key, const char *action, const char *out);
 
 /* Set by SIGINT/SIGTERM after cli_catch_stop(); long work polls it. */
 extern volatile sig_atomic_t cli_stop;

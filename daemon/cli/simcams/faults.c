@@ -83,84 +83,6 @@ static pvx_err faults_set(const struct rec_rig *rig, enum simcams_fault_kind kin
     return PVX_OK;
 }
 
-pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind kind,
-                             const char *text, struct simcams_state *state, struct pvx_diag *d)
-{
-    char copy[1024];
-    if (strlen(text) >= sizeof copy)
-        return pvx_fail(d, PVX_EINVAL, "%s: too long", kinds[kind].name);
-    snprintf(copy, sizeof copy, "%s", text);
-    char *rest = copy, *item;
-    while ((item = strsep(&rest, ",")) != NULL) {
-        char *value = strchr(item, '=');
-        if (value != NULL)
-            *value++ = '\0';
-        PVX_TRY(faults_set(rig, kind, value != NULL ? item : "all", value != NULL ? value : item,
-                           state, d));
-    }
-    return PVX_OK;
-}
-
-/* ---- timetable -------------------------------------------------------------------------------- */
-
-static pvx_err add_event(struct simcams_plan *plan, double at_s, const char *line,
-                         struct pvx_diag *d)
-{
-    if (plan->n == SIMCAMS_MAX_EVENTS)
-        return pvx_fail(d, PVX_ERANGE, "more than %d timed faults", SIMCAMS_MAX_EVENTS);
-    struct simcams_event e = {.at_s = at_s};
-    snprintf(e.line, sizeof e.line, "%s", line);
-    size_t k = plan->n++;
-    for (; k > 0 && plan->event[k - 1].at_s > e.at_s; k--)
-        plan->event[k] = plan->event[k - 1];
-    plan->event[k] = e;
-    return PVX_OK;
-}
-
-pvx_err simcams_plan_option(const struct rec_rig *rig, bool freeze, const char *text,
-                            struct simcams_plan *plan, struct pvx_diag *d)
-{
-    char copy[64], line[SIMCAMS_LINE_MAX];
-    snprintf(copy, sizeof copy, "%s", text);
-    char *at = strrchr(copy, '@'), *until = NULL;
-    double t0, t1;
-    if (at != NULL) {
-        *at++ = '\0';
-        until = freeze ? strchr(at, '-') : NULL;
-        if (until != NULL)
-            *until++ = '\0';
-    }
-    if (at == NULL || strlen(text) >= sizeof copy || pvx_parse_double(at, 0, 1e9, &t0) != PVX_OK ||
-        (until != NULL && pvx_parse_double(until, t0, 1e9, &t1) != PVX_OK))
-        return pvx_fail(d, PVX_EINVAL, "'%s' should be CAMERA@SECONDS%s", text,
-                        freeze ? " or CAMERA@FROM-UNTIL" : "");
-    size_t lo, hi;
-    PVX_TRY(faults_find(rig, copy, &lo, &hi, d));
-    snprintf(line, sizeof line, freeze ? "freeze %s on" : "kill %s", copy);
-    PVX_TRY(add_event(plan, t0, line, d));
-    snprintf(line, sizeof line, "freeze %s off", copy);
-    return until != NULL ? add_event(plan, t1, line, d) : PVX_OK;
-}
-
-pvx_err simcams_plan_line(const struct rec_rig *rig, const char *text, struct simcams_plan *plan,
-                          struct pvx_diag *d)
-{
-    char copy[32 + SIMCAMS_LINE_MAX];
-    snprintf(copy, sizeof copy, "%s", text);
-    char *line = strchr(copy, ':');
-    double at_s;
-    if (line != NULL)
-        *line++ = '\0';
-    if (line == NULL || strlen(text) >= sizeof copy || strlen(line) >= SIMCAMS_LINE_MAX ||
-        pvx_parse_double(copy, 0, 1e9, &at_s) != PVX_OK)
-        return pvx_fail(d, PVX_EINVAL, "'%s' should be SECONDS:LINE, the line as for --control",
-                        text);
-    static struct simcams_state scratch[REC_MAX_CAMERAS]; /* only to be refused now, not then */
-    struct simcams_order order;
-    PVX_TRY(simcams_control(rig, line, scratch, &order, d));
-    return add_event(plan, at_s, line, d);
-}
-
 /* ---- lines ------------------------------------------------------------------------------------ */
 
 struct words {
@@ -254,4 +176,48 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
         if (strcmp(w.w[0], orders[k].name) == 0 && w.n >= orders[k].n_min && w.n <= orders[k].n_max)
             return give_order(rig, &orders[k], &w, order, d);
     return faults_unknown(line, d);
+}
+
+/* ---- timetable -------------------------------------------------------------------------------- */
+
+static pvx_err add_event(struct simcams_plan *plan, double at_s, const char *line,
+                         struct pvx_diag *d)
+{
+    if (plan->n == SIMCAMS_MAX_EVENTS)
+        return pvx_fail(d, PVX_ERANGE, "more than %d timed faults", SIMCAMS_MAX_EVENTS);
+    struct simcams_event e = {.at_s = at_s};
+    snprintf(e.line, sizeof e.line, "%s", line);
+    size_t k = plan->n++;
+    for (; k > 0 && plan->event[k - 1].at_s > e.at_s; k--)
+        plan->event[k] = plan->event[k - 1];
+    plan->event[k] = e;
+    return PVX_OK;
+}
+
+pvx_err simcams_at_line(const struct rec_rig *rig, const char *text, struct simcams_plan *plan,
+                        struct pvx_diag *d)
+{
+    char copy[32 + SIMCAMS_LINE_MAX];
+    snprintf(copy, sizeof copy, "%s", text);
+    char *line = strchr(copy, ':');
+    double at_s;
+    if (line != NULL)
+        *line++ = '\0';
+    if (line == NULL || strlen(text) >= sizeof copy || strlen(line) >= SIMCAMS_LINE_MAX ||
+        pvx_parse_double(copy, 0, 1e9, &at_s) != PVX_OK)
+        return pvx_fail(d, PVX_EINVAL, "'%s' should be SECONDS:LINE; --help lists the lines", text);
+    static struct simcams_state scratch[REC_MAX_CAMERAS]; /* only to be refused now, not then */
+    struct simcams_order order;
+    PVX_TRY(simcams_control(rig, line, scratch, &order, d));
+    return add_event(plan, at_s, line, d);
+}
+
+pvx_err simcams_set_line(const struct rec_rig *rig, const char *line, struct simcams_state *state,
+                         struct simcams_plan *plan, struct pvx_diag *d)
+{
+    struct simcams_order order;
+    if (strlen(line) >= SIMCAMS_LINE_MAX)
+        return pvx_fail(d, PVX_EINVAL, "'%.60s...': the line is too long", line);
+    PVX_TRY(simcams_control(rig, line, state, &order, d));
+    return order.what != SIMCAMS_NOTHING ? add_event(plan, 0, line, d) : PVX_OK;
 }

@@ -1,13 +1,11 @@
-/* faults.h - how the simulated cameras are broken: from options, by a timetable, by hand.
+/* faults.h - lines that change simulated cameras: from the start, at a time, or by hand.
  *
- * Options   "0.05" (every camera) or "cam3=0.05,cam4=0.1"; of two numbers "64:0" or "cam3=64:0"; "on" or "cam3=on"
- * Timetable "12.5:LINE" (seconds after the cameras began); "cam3@12.5" and "cam3@10-15" are short for
- *           kill and freeze lines
- * By hand   one line each; CAMERA may be "all":
- *           WORD CAMERA NUMBER|X:Y|on|off   each word of SIMCAMS_FAULTS, below
- *           kill|revive CAMERA   ids CAMERA [NUMBER]   reboot CAMERA [SECONDS]
- *           jump CAMERA SECONDS   trigger-mode CAMERA 0|1
- *           line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats    pose NUMBER */
+ *   WORD CAMERA NUMBER|X:Y|on|off   each word of SIMCAMS_FAULTS, below; CAMERA may be "all"
+ *   kill|revive CAMERA   ids CAMERA [NUMBER]   reboot CAMERA [SECONDS]
+ *   jump CAMERA SECONDS   trigger-mode CAMERA 0|1
+ *   line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats    pose NUMBER
+ *
+ * --set LINE holds from the start, --at SECONDS:LINE from that time after the cameras began. */
 #ifndef SIMCAMS_FAULTS_H
 #define SIMCAMS_FAULTS_H
 #include "base/err.h"
@@ -19,8 +17,8 @@ struct simcams_state {
     bool alive; /* wanted: a killed camera can be revived */
 };
 
-/* What a camera can be told to be: the word, how many numbers (two: X:Y; none: on or off), what they may be, and
- * which member of struct cap_gvcam_fault they are.  What an optics.* does: capture/gevsim/optics.h. */
+/* Faults of a camera: the word, how many numbers follow (two: X:Y; none: on or off), their least and most, and
+ * the member of struct cap_gvcam_fault.  capture/gevsim/optics.h explains optics.*. */
 #define SIMCAMS_FAULTS(M)                                                                   \
     M(SIMCAMS_DROP, "drop", 1, 0, 1, drop)                                                  \
     M(SIMCAMS_LOSS, "loss", 1, 0, 1, packet_loss)                                           \
@@ -59,7 +57,7 @@ struct simcams_state {
 #define SIMCAMS_NUMBER(number, ...) number,
 enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
 
-/* Orders: the word, how many words the line may have, which of them is a camera, least and most of the number
+/* Orders: the word, least and most words of the line, whether a camera follows, least and most of the number
  * after that. */
 #define SIMCAMS_ORDERS(M)                             \
     M(SIMCAMS_REBOOT, "reboot", 2, 3, true, 0, 3600)  \
@@ -73,7 +71,7 @@ enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
     M(SIMCAMS_POSE, "pose", 2, 2, false, 0, 1e6)      \
     M(SIMCAMS_STATS, "stats", 1, 1, false, 0, 0)
 
-/* What a line wants done at once, beyond the state. */
+/* The action of a line that is no state. */
 struct simcams_order {
     enum { SIMCAMS_NOTHING, SIMCAMS_ORDERS(SIMCAMS_NUMBER) } what;
     size_t lo, hi; /* cameras [lo,hi) */
@@ -91,19 +89,17 @@ struct simcams_plan {
     struct simcams_event event[SIMCAMS_MAX_EVENTS]; /* in order of time */
 };
 
-/* Nothing is wrong with it. */
+/* A camera without faults. */
 struct simcams_state simcams_healthy(void);
-/* state [rig->n_cameras].  Errors: PVX_EINVAL, PVX_ENOENT (camera), with the reason in d. */
-PVX_MUST_CHECK pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind kind,
-                                            const char *text, struct simcams_state *state,
-                                            struct pvx_diag *d);
-/* "cam3@12.5": kill, or freeze ("cam3@10-15": until).  Adds to the plan; PVX_ERANGE: full. */
-PVX_MUST_CHECK pvx_err simcams_plan_option(const struct rec_rig *rig, bool freeze, const char *text,
-                                           struct simcams_plan *plan, struct pvx_diag *d);
-/* "12.5:LINE"; the line is checked. */
-PVX_MUST_CHECK pvx_err simcams_plan_line(const struct rec_rig *rig, const char *text,
-                                         struct simcams_plan *plan, struct pvx_diag *d);
-/* One control line; empty ones are fine. */
+/* Apply a line before the cameras start: a state into state [rig->n_cameras], an order into the plan at 0 s.
+ * Errors: those of simcams_control; PVX_ERANGE: the plan is full. */
+PVX_MUST_CHECK pvx_err simcams_set_line(const struct rec_rig *rig, const char *line,
+                                        struct simcams_state *state, struct simcams_plan *plan,
+                                        struct pvx_diag *d);
+/* Add "12.5:LINE" to the plan; the line is checked.  Errors as above. */
+PVX_MUST_CHECK pvx_err simcams_at_line(const struct rec_rig *rig, const char *text,
+                                       struct simcams_plan *plan, struct pvx_diag *d);
+/* Carry one line into state and *order; an empty line does nothing.  Errors: PVX_EINVAL, PVX_ENOENT (camera). */
 PVX_MUST_CHECK pvx_err simcams_control(const struct rec_rig *rig, const char *line,
                                        struct simcams_state *state, struct simcams_order *order,
                                        struct pvx_diag *d);

@@ -77,16 +77,10 @@ static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)
         /* the board's paper and ground are not dark */
         s->state[c].fault.optics.pedestal = s->a->board != NULL ? 0 : s->a->black / 100;
     }
-    for (size_t k = 0; k < s->a->n_faults; k++)
-        PVX_TRY(
-            simcams_fault_option(&s->rig, s->a->fault[k].kind, s->a->fault[k].text, s->state, d));
-    for (size_t k = 0; k < s->a->n_plans; k++) {
-        const struct simcams_plan_option *p = &s->a->plan[k];
-        PVX_TRY(p->what == SIMCAMS_OPT_AT
-                    ? simcams_plan_line(&s->rig, p->text, &s->plan, d)
-                    : simcams_plan_option(&s->rig, p->what == SIMCAMS_OPT_FREEZE, p->text, &s->plan,
-                                          d));
-    }
+    for (size_t k = 0; k < s->a->n_set; k++)
+        PVX_TRY(simcams_set_line(&s->rig, s->a->set[k], s->state, &s->plan, d));
+    for (size_t k = 0; k < s->a->n_at; k++)
+        PVX_TRY(simcams_at_line(&s->rig, s->a->at[k], &s->plan, d));
     return PVX_OK;
 }
 
@@ -100,7 +94,7 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
         .seed = (uint32_t)a->seed,
         .noise = {a->noise[0] / 100, a->noise[1] / 100, a->noise[2] / 100},
         .sub = (int)a->sub,
-        .keep = a->write_frames == NULL && (a->control || s->plan.n > 0),
+        .keep = a->write_frames == NULL && (a->control || a->n_at > 0),
         .state = s->state};
     if (a->board != NULL) {
         PVX_TRY(simcams_board_init(a->board, &s->rig, (size_t)a->poses, a->hold_s,
@@ -179,9 +173,7 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
         .renew_ctx = &s->view[c],
         .ring_fps = s->a->fps,
         .tick_hz = s->a->tick_hz,
-        .link_mbit = s->a->camera_mbit,
         .ptp_settle_ms = s->a->ptp_ms,
-        .tai_offset_s = s->a->tai_s,
         .boot_clock = s->a->boot_clock,
         .zip = s->a->zip};
     PVX_TRY(cap_gvcam_new(s->net, &config, &s->cam[c], d));
@@ -426,12 +418,8 @@ static int start_and_serve(struct simcams *s)
     pvx_err started = cap_gvnet_new(&s->net, &d);
     if (code == 0 && started != PVX_OK)
         code = cli_error(&d, started);
-    if (code == 0) {
-        cap_gvnet_line(s->net, s->a->line_hz);
-        cap_gvnet_link(s->net, s->a->link_mbit, 0);
-    }
     for (size_t c = 0; code == 0 && c < s->rig.n_cameras; c++) {
-        pvx_err e = start_camera(s, c, &d);
+        pvx_err e = s->state[c].alive ? start_camera(s, c, &d) : PVX_OK;
         if (e != PVX_OK)
             code = cli_error(&d, e);
     }

@@ -14,7 +14,7 @@
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "capture/pixel/pixfmt.h"
-#include "daemon/cli/running/replay.h"
+#include "daemon/cli/recordings/replay.h"
 #include "daemon/cli/common/take_notes.h"
 
 struct export

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <time.h>
 
-#include "daemon/cli/running/replay.h"
+#include "daemon/cli/recordings/replay.h"
 
 #define GAPS_SHOWN 20
 

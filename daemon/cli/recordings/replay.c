@@ -15,7 +15,7 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "daemon/cli/common/arg.h"
-#include "daemon/cli/running/replay.h"
+#include "daemon/cli/recordings/replay.h"
 #include "daemon/config/config.h"
 
 #define SETS_MAX 64

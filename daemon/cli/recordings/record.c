@@ -2,6 +2,7 @@
 #include <argp.h>
 #include <cjson/cJSON.h>
 #include <errno.h>
+#include <limits.h>
 #include <stdio.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -12,6 +13,7 @@
 
 #include "base/clock.h"
 #include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/volumes/recorder.h"
@@ -367,6 +369,36 @@ static char *read_config(void)
     if (text != NULL)
         text[len] = '\0';
     return text;
+}
+
+/* As the daemon has to hear it: it runs in another folder. */
+static pvx_err record_absolute(const char *path, char *out, size_t size, struct pvx_diag *d)
+{
+    char here[PATH_MAX];
+    int n = path[0] == '/'                      ? snprintf(out, size, "%s", path)
+            : getcwd(here, sizeof here) != NULL ? snprintf(out, size, "%s/%s", here, path)
+                                                : -1;
+    return n >= 0 && n < (int)size
+               ? PVX_OK
+               : pvx_fail(d, PVX_EINVAL, "--out %s: is not a name for a file", path);
+}
+
+/* --raw: the daemon begins or ends a take of raw frames.  out NULL: as the daemon is configured.  Exit code. */
+static int record_raw(const char *control, const char *key, const char *action, const char *out)
+{
+    char path[PATH_MAX + 256];
+    struct pvx_diag d = {""};
+    cJSON *reply = NULL;
+    const char *const words[] = {"record", action, "raw", out == NULL ? NULL : path, NULL};
+    pvx_err e = out == NULL ? PVX_OK : record_absolute(out, path, sizeof path, &d);
+    if (e == PVX_OK)
+        e = ask_words(control, key, words, 0, &reply, &d);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    printf("%s %s\n", strcmp(action, "start") == 0 ? "recording raw frames to" : "recorded",
+           ask_text(reply, "path", NULL));
+    cJSON_Delete(reply);
+    return 0;
 }
 
 static int record_run(int argc, char **argv)
