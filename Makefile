@@ -67,10 +67,6 @@ obj = $(patsubst %.c,$(B)/%.o,$(1))
 room_files = $(sort $(wildcard $(1)/*.c $(if $(findstring /,$(1)),$(1)/*/*.c)))
 room_others = $(MAINS) $(FOREIGN) $(addsuffix /%,$(filter $(1)/%,$(ROOMS)))
 room_obj = $(call obj,$(filter-out $(room_others),$(room_files)))
-# The fast ways from pixels to floats (capture/pixel/pixfmt_fast.h): once for any processor, once for AVX2.
-ifndef FOREIGN
-PIX_AVX2 := $(addprefix $(B)/capture/pixel/pixfmt_,$(addsuffix _avx2.o,unpack sums bayer mosaic finish))
-endif
 LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
 # What libpyrovox-recon.so.1 is made of, and all that it needs: no camera, no socket, no drawing.
@@ -123,18 +119,13 @@ $(B)/capture/gevsim/optics.o $(B)/capture/pixel/pixfmt_%.o $(B)/daemon/cli/simca
 AVX2 := -mavx2 -mfma -mbmi2
 $(B)/recon/simd/kernels_avx512.% $(B)/recon/simd/windows_avx512.%: CFLAGS += -mavx512f -mavx512vl $(AVX2)
 $(B)/recon/simd/kernels_avx2.% $(B)/recon/simd/windows_avx2.% $(B)/recon/solve/passes/pcg_pass_avx2.%: CFLAGS += $(AVX2)
-$(B)/recon/carve/photo_pass_avx2.%: CFLAGS += -mavx2
+$(B)/recon/carve/photo_pass_avx2.% $(B)/capture/pixel/pixfmt_avx2.%: CFLAGS += -mavx2
 $(B)/capture/%.o $(B)/proto/%.o: CFLAGS += -Wconversion -Wno-sign-conversion
 
 $(B)/%.o: %.c Makefile
 	@mkdir -p $(@D)
 	$(call say,CC)
 	$(Q)$(CC) $(CPPFLAGS) $(CFLAGS) $(pkg_cflags) -c $< -o $@
-
-$(PIX_AVX2): $(B)/%_avx2.o: %.c Makefile
-	@mkdir -p $(@D)
-	$(call say,CC)
-	$(Q)$(CC) $(CPPFLAGS) -DCAP_PIX_AVX2 $(CFLAGS) -mavx2 $(pkg_cflags) -c $< -o $@
 
 # The page's files are compiled in.
 $(B)/daemon/view/files.o: $(wildcard daemon/view/page/*)
@@ -148,7 +139,6 @@ $(B)/$(1)/room.a: $(call room_obj,$(1))
 	$$(archive)
 endef
 $(foreach r,$(ROOMS),$(eval $(call room,$(r))))
-$(B)/capture/pixel/room.a: $(PIX_AVX2)
 
 # One file for a subscriber: the wire format, and of base what it calls.
 CLIENT_FILES := fields pvp_decode pvp_encode pvp_messages pvp_preview auth keys door clients/sub

@@ -25,7 +25,7 @@ abi-compare: built
 	@tests/abi.sh $(B)
 # A stamp beside each object, made after it: a header that changed makes both anew.
 TIDY_FILES := $(wildcard */*.c */*/*.c */*/*/*.c */*/*/*/*.c)
-TIDY_FILES := $(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c) $(if $(MPI),,%_mpi.c),$(TIDY_FILES))
+TIDY_FILES := $(filter-out $(FOREIGN) $(if $(MPI),,%_mpi.c),$(TIDY_FILES))
 tidy-files: $(TIDY_FILES:%.c=$(B)/%.$(if $(DEEP),deep,tidy))
 # The analyzer looks at 225,000 states of a function.  20,000 take a quarter of its time and are what CI can afford.
 FEWER := $(addprefix --extra-arg=,-Xclang -analyzer-config -Xclang max-nodes=20000)

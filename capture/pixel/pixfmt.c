@@ -82,14 +82,16 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
     return PVX_OK;
 }
 
-void cap_pix_ways_init(struct cap_pix_ways *w, enum pvx_cpu most)
+void cap_pix_kernels_init(struct cap_pix_kernels *k, enum pvx_cpu most)
 {
-    cap_pix_ways_plain(w);
+    enum pvx_cpu cpu = pvx_cpu() < most ? pvx_cpu() : most;
+    *k = (struct cap_pix_kernels){cap_pix_ref, cap_pix_ref, cap_pix_ref, cap_pix_ref};
+    cap_pix_kernels_base(k);
 #if defined(__x86_64__)
-    if (most >= PVX_CPU_AVX2 && pvx_cpu() >= PVX_CPU_AVX2)
-        cap_pix_ways_avx2(w);
+    if (cpu >= PVX_CPU_AVX2)
+        cap_pix_kernels_avx2(k);
 #else
-    (void)most;
+    (void)cpu;
 #endif
 }
 
@@ -124,48 +126,32 @@ static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
     }
 }
 
-static void pixfmt_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0,
-                       int32_t y1, float *out)
-{
-    int b = j->binning;
-    size_t row = (size_t)(j->img.width / b), cs = j->nch == 3 ? 4 : 1;
-    if (j->full == 0) {
-        for (int32_t y = y0; y < y1; y++) {
-            cap_pix_floats(j, y, y + 1, out);
-            if (j->maps != NULL) /* while it is in the cache */
-                w->mapped(j, (size_t)y * row, row, out + (size_t)y * row * cs);
-        }
-    } else if (j->cell == NULL)
-        w->sums(j, y0, y1, out);
-    else if (b == 1)
-        w->bayer(j, y0, y1, out);
-    else
-        w->mosaic(j, y0, y1, out);
-}
-
-void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+void cap_pix_run(const struct cap_pix_kernels *k, const struct cap_pix *j, int32_t y0, int32_t y1,
                  float *out)
 {
     int most = j->cell != NULL && j->table != NULL ? 16 : 32; /* sums fit 31 bits */
-    struct cap_pix k = *j;
-    k.base = out;
+    struct cap_pix job = *j;
+    job.base = out;
     if (j->full > 0 && j->binning > most) {
-        cap_pix_ref(&k, y0, y1, out);
+        cap_pix_ref(&job, y0, y1, out);
         return;
     }
-    pixfmt_run(w, &k, y0, y1, out);
-    if (k.maps != NULL)
-        patch(&k, y0, y1, out);
+    (j->full == 0      ? k->floats
+     : j->cell == NULL ? k->sums
+     : j->binning == 1 ? k->bayer
+                       : k->mosaic)(&job, y0, y1, out);
+    if (job.maps != NULL)
+        patch(&job, y0, y1, out);
 }
 
 pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params *p, int32_t y0,
                     int32_t y1, float *out)
 {
     struct cap_pix j;
-    struct cap_pix_ways w;
+    struct cap_pix_kernels k;
     PVX_TRY(cap_pix_check(img, p, y0, y1, &j));
-    cap_pix_ways_init(&w, PVX_CPU_BEST);
-    cap_pix_run(&w, &j, y0, y1, out);
+    cap_pix_kernels_init(&k, PVX_CPU_BEST);
+    cap_pix_run(&k, &j, y0, y1, out);
     return PVX_OK;
 }
 

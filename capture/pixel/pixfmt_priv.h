@@ -147,23 +147,21 @@ void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 /* One raw sample of an integer format, bit by bit from the format's definition. */
 unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
 
-/* The fast ways: the same sources compiled for any processor and for AVX2 (pixfmt_fast.h). */
-struct cap_pix_ways {
-    /* Integer samples but for Bayer; binning to 32. */
-    void (*sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-    /* Integer Bayer, binning 1: bilinear, or rays. */
-    void (*bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-    /* Integer Bayer, binning 2 to 32, with a table to 16. */
-    void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-    /* The maps to n bins of floats, from bin `at` on. */
-    void (*mapped)(const struct cap_pix *j, size_t at, size_t n, float *out);
+typedef void (*cap_pix_kernel)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* Filled with the reference; an instruction set's file overwrites its slots. */
+struct cap_pix_kernels {
+    cap_pix_kernel sums;   /* integer samples but for Bayer; binning to 32 */
+    cap_pix_kernel bayer;  /* integer Bayer, binning 1: bilinear, or rays */
+    cap_pix_kernel mosaic; /* integer Bayer, binning 2 to 32, with a table to 16 */
+    cap_pix_kernel floats;
 };
-/* Overwrite what they have: everything. */
-void cap_pix_ways_plain(struct cap_pix_ways *w);
-void cap_pix_ways_avx2(struct cap_pix_ways *w);
-/* Those for pvx_cpu(), and no more than `most`. */
-void cap_pix_ways_init(struct cap_pix_ways *w, enum pvx_cpu most);
-/* The way for *j, of these or those that fit any processor. */
-void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+/* The table for pvx_cpu(), and no more than `most`. */
+void cap_pix_kernels_init(struct cap_pix_kernels *k, enum pvx_cpu most);
+void cap_pix_kernels_base(struct cap_pix_kernels *k); /* any processor */
+#if defined(__x86_64__)
+void cap_pix_kernels_avx2(struct cap_pix_kernels *k);
+#endif
+/* The kernel for *j, or the reference where none can do it. */
+void cap_pix_run(const struct cap_pix_kernels *k, const struct cap_pix *j, int32_t y0, int32_t y1,
                  float *out);
 #endif

@@ -51,8 +51,8 @@ static void compare_image(const struct cap_image *img, const struct cap_convert_
     T_EQ_I(cap_pix_check(img, p, 0, bh, &j), PVX_OK);
     cap_pix_ref(&j, 0, bh, want + 1);
     for (int k = 0; k < 2; k++) { /* in plain C, and what this processor gets */
-        struct cap_pix_ways ways;
-        cap_pix_ways_init(&ways, k == 0 ? PVX_CPU_REF : PVX_CPU_BEST);
+        struct cap_pix_kernels ways;
+        cap_pix_kernels_init(&ways, k == 0 ? PVX_CPU_REF : PVX_CPU_BEST);
         memset(got, 0xA5, n * 4 + 4);
         cap_pix_run(&ways, &j, 0, bh / 3, got + 1);
         cap_pix_run(&ways, &j, bh / 3, bh, got + 1);
@@ -181,8 +181,8 @@ T_CASE(maps_of_every_format_and_binning)
 
 T_CASE(the_processor_decides)
 {
-    struct cap_pix_ways plain, best;
-    cap_pix_ways_init(&plain, PVX_CPU_REF);
-    cap_pix_ways_init(&best, PVX_CPU_BEST);
+    struct cap_pix_kernels plain, best;
+    cap_pix_kernels_init(&plain, PVX_CPU_REF);
+    cap_pix_kernels_init(&best, PVX_CPU_BEST);
     T_EQ_I(plain.sums != best.sums, pvx_cpu() >= PVX_CPU_AVX2);
 }

@@ -1,10 +1,36 @@
-/* pixfmt_unpack.c - raw rows to planes of 16-bit samples.  Packed layouts: sixteen samples at a time with byte
+/* pixfmt_unpack.h - raw rows to planes of 16-bit samples.  Packed layouts: sixteen samples at a time with byte
  * shuffles, or four moved from one 64-bit word into the quarters of another. */
+#ifndef CAP_PIXFMT_UNPACK_H
+#define CAP_PIXFMT_UNPACK_H
 #include <string.h>
 
-#include "capture/pixel/pixfmt_fast.h"
+#include "capture/pixel/pixfmt_priv.h"
 
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+/* Samples behind a plane's end that may be written. */
+enum { CAP_PIX_SLACK = 16 };
+
+CAP_PIX_INLINE uint16_t cap_pix_greater(uint16_t a, uint16_t b)
+{
+    return a > b ? a : b;
+}
+
+/* n samples to what is added up: their light by the table, or (NULL) themselves. */
+static inline void cap_pix_light(const uint16_t *restrict s, const uint32_t *table, int32_t n,
+                                 uint32_t *restrict light)
+{
+    if (table != NULL)
+        for (int32_t i = 0; i < n; i++)
+            light[i] = table[s[i]];
+    else
+        for (int32_t i = 0; i < n; i++)
+            light[i] = s[i];
+}
+
+#if defined(__AVX2__)
 /* Eight samples from 16 bytes:  (bytes `low` of them * times) >> (16 - depth of low) | bytes `high` << it.
  * The product moves the wanted bits of a word to its top. */
 struct spread {
@@ -119,7 +145,7 @@ static uint64_t pixel_load(const uint8_t *p)
          : ((w) & ((((uint64_t)1 << (n)) - 1) << (lo))) >> ((to) < (lo) ? (lo) - (to) : 0))
 
 /* The four samples at the start of w, each in 16 bits, the first lowest. */
-CAP_PIX_INLINE uint64_t four(uint64_t w, enum cap_layout layout, int depth)
+CAP_PIX_INLINE uint64_t unpack_four(uint64_t w, enum cap_layout layout, int depth)
 {
     if (layout == CAP_LAYOUT_P && depth == 10)
         return BITS(w, 0, 10, 0) | BITS(w, 10, 10, 16) | BITS(w, 20, 10, 32) | BITS(w, 30, 10, 48);
@@ -147,7 +173,7 @@ CAP_PIX_INLINE int32_t fours(const uint8_t *p, const uint8_t *end, int32_t n,
     if (end - p < 8)
         return 0;
     for (i = 0; i + 4 <= n && i < most; i += 4, p += step) {
-        uint64_t q = four(pixel_load(p), layout, depth);
+        uint64_t q = unpack_four(pixel_load(p), layout, depth);
         memcpy(out + i, &q, sizeof q);
     }
     return i;
@@ -176,7 +202,7 @@ static int32_t groups_of(const struct cap_pix *j, const uint8_t *p, const uint8_
 {
     enum cap_layout layout = cap_pixfmt_layout(j->img.fmt);
     int depth = cap_pixfmt_depth(j->img.fmt);
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
     return sixteens(p, end, n, pixel_spread_of(layout, depth), out);
 #else
     return fours_of(p, end, n, layout, depth == 10, out);
@@ -203,7 +229,7 @@ static void rgb8(const uint8_t *p, const uint8_t *end, int32_t n, bool swapped, 
     uint16_t *r = out + (swapped ? 2 * pitch : 0), *g = out + pitch;
     uint16_t *b = out + (swapped ? 0 : 2 * pitch);
     int32_t i = 0;
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
     i = rgb_by_eight(p, end, (n + 7) & ~7, r, g, b);
 #else
     (void)end;
@@ -261,8 +287,10 @@ CAP_PIX_INLINE void pairs(const struct cap_yuv_coef *coef, const uint8_t *restri
     }
 }
 
-void CAP_PIX(row)(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint16_t *out,
-                  size_t pitch)
+/* Raw samples of pixels [x, x+n) of row y, cut to full scale; channel c (0 R, 1 G, 2 B; of grey and Bayer
+ * images the only one) at out + c*pitch.  x even, for 10 bits without gaps a multiple of 4. */
+static void pix_row(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint16_t *out,
+                    size_t pitch)
 {
     const uint8_t *row = (const uint8_t *)j->img.data + y * j->img.stride;
     const uint8_t *p = row + cap_pixfmt_row(j->img.fmt, x);
@@ -290,3 +318,32 @@ void CAP_PIX(row)(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint
     default: packed(j, p, end, n, out);
     }
 }
+
+/* Pixels x-1 .. x+n of one row of a Bayer image: what is added up, and the samples; x is at 1. */
+enum { CAP_PIX_PIECE = 512 }; /* pixels at a time, and one more on each side */
+struct cap_pix_line {
+    uint32_t v[CAP_PIX_PIECE + CAP_PIX_SLACK + 2];
+    uint16_t top[CAP_PIX_PIECE + CAP_PIX_SLACK + 2];
+};
+
+static inline void cap_pix_fetch_one(const struct cap_pix *j, int32_t x, int32_t y, int32_t at,
+                                     struct cap_pix_line *l)
+{
+    unsigned v = cap_pix_sample(j, x, y, 0);
+    v = v < j->full ? v : j->full;
+    l->top[at] = (uint16_t)v;
+    l->v[at] = j->table == NULL ? v : j->table[v];
+}
+
+/* n <= CAP_PIX_PIECE; the image goes on mirrored beyond its border, by one row or column. */
+static inline void cap_pix_fetch(const struct cap_pix *j, int32_t y, int32_t x, int32_t n,
+                                 struct cap_pix_line *restrict l)
+{
+    int32_t w = j->img.width, h = j->img.height;
+    y = y < 0 ? -y : y >= h ? 2 * h - 2 - y : y;
+    pix_row(j, y, x, n, l->top + 1, 0);
+    cap_pix_light(l->top + 1, j->table, n, l->v + 1);
+    cap_pix_fetch_one(j, x > 0 ? x - 1 : 1, y, 0, l);
+    cap_pix_fetch_one(j, x + n < w ? x + n : w - 2, y, n + 1, l);
+}
+#endif

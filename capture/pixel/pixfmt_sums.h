@@ -1,8 +1,9 @@
-/* pixfmt_sums.c - integer samples of any depth but Bayer's: the sums of columns of a piece of a row of
+/* pixfmt_sums.h - integer samples of any depth but Bayer's: the sums of columns of a piece of a row of
  * bins, then across.  While the binning has a factor of 2 neighbours are added in pairs. */
-#include <string.h>
-
-#include "capture/pixel/pixfmt_fast.h"
+#ifndef CAP_PIXFMT_SUMS_H
+#define CAP_PIXFMT_SUMS_H
+#include "capture/pixel/pixfmt_finish.h"
+#include "capture/pixel/pixfmt_unpack.h"
 
 enum {
     SAMPLES = 1152, /* of a row at a time: of one plane, or a third of each of three */
@@ -44,11 +45,11 @@ static void pixfmt_sums_down(const struct cap_pix *j, int32_t y, int32_t x, int3
                              struct sums *c)
 {
     uint16_t s[3 * PITCH];
-    CAP_PIX(row)(j, y, x, n, c->top, PITCH);
+    pix_row(j, y, x, n, c->top, PITCH);
     for (size_t k = 0; k < (size_t)j->samples; k++)
         cap_pix_light(c->top + k * PITCH, j->table, n, c->sum + k * PITCH);
     for (int r = 1; r < j->binning; r++) {
-        CAP_PIX(row)(j, y + r, x, n, s, PITCH);
+        pix_row(j, y + r, x, n, s, PITCH);
         for (size_t k = 0; k < (size_t)j->samples; k++) {
             pixfmt_sums_add(s + k * PITCH, j->table, n, c->sum + k * PITCH);
             greatest(s + k * PITCH, n, c->top + k * PITCH);
@@ -60,11 +61,11 @@ static void pixfmt_sums_down(const struct cap_pix *j, int32_t y, int32_t x, int3
 static void down16(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct sums *c)
 {
     uint16_t s[3 * PITCH], sum[3 * PITCH];
-    CAP_PIX(row)(j, y, x, n, c->top, PITCH);
+    pix_row(j, y, x, n, c->top, PITCH);
     for (size_t k = 0; k < (size_t)j->samples; k++)
         memcpy(sum + k * PITCH, c->top + k * PITCH, (size_t)n * sizeof *sum);
     for (int r = 1; r < j->binning; r++) {
-        CAP_PIX(row)(j, y + r, x, n, s, PITCH);
+        pix_row(j, y + r, x, n, s, PITCH);
         for (size_t k = 0; k < (size_t)j->samples; k++) {
             add16(s + k * PITCH, n, sum + k * PITCH);
             greatest(s + k * PITCH, n, c->top + k * PITCH);
@@ -179,10 +180,10 @@ static void pixfmt_sums_bins_of(const struct cap_pix *j, int32_t Y, int32_t x, i
         v.top[c] = done->top + c * PITCH;
         v.scale[c][0] = v.scale[c][1] = scale;
     }
-    CAP_PIX(finish)(j, &v, n / j->binning, out);
+    pix_finish(j, &v, n / j->binning, out);
 }
 
-void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+static void pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     int32_t b = j->binning, w = j->img.width, bw = w / b;
     int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b; /* whole bins and whole fours */
@@ -194,3 +195,4 @@ void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
             pixfmt_sums_bins_of(j, Y, x, n, out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * cs);
         }
 }
+#endif

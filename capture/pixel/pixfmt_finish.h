@@ -1,6 +1,19 @@
-/* pixfmt_finish.c - sums to floats: scaled, 1 where saturated, channels side by side or their mean. */
-#include "capture/pixel/pixfmt_fast.h"
+/* pixfmt_finish.h - sums to floats: scaled, 1 where saturated, channels side by side or their mean. */
+#ifndef CAP_PIXFMT_FINISH_H
+#define CAP_PIXFMT_FINISH_H
+#include "capture/pixel/pixfmt_priv.h"
 
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+/* Sums of light, < 2^31, and the greatest raw sample in each, per channel; of a grey image the first.
+ * Those at even and odd places may have scales of their own. */
+struct cap_pix_bins {
+    const uint32_t *sum[3];
+    const uint16_t *top[3];
+    float scale[3][2];
+};
 /* What the maps have for a piece: NULL where there are none, and then `full` is 1. */
 struct piece {
     const uint32_t *word[3];
@@ -55,7 +68,7 @@ CAP_PIX_INLINE void mean(const struct cap_pix_bins *v, int32_t full, bool two,
  * all of them. */
 #define MATRIX_ROW(a, r, g, b) ((a)[0] * (r) + (a)[1] * (g) + (a)[2] * (b))
 
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
 CAP_PIX_INLINE __m256 eight(const uint32_t *sum, const uint16_t *top, __m256 scale, __m256i below,
                             const uint32_t *word, const struct piece *p)
 {
@@ -134,8 +147,8 @@ CAP_PIX_INLINE cap_f4 mapped_four(cap_f4 v, cap_f4 word)
     return (v - word) * __builtin_convertvector((cap_i4)word & (int32_t)CAP_MAP_FACTOR, cap_f4);
 }
 
-CAP_PIX_INLINE cap_f4 four(const uint32_t *sum, const uint16_t *top, cap_f4 scale, int32_t full,
-                           const uint32_t *word, const struct piece *p)
+CAP_PIX_INLINE cap_f4 finish_four(const uint32_t *sum, const uint16_t *top, cap_f4 scale,
+                                  int32_t full, const uint32_t *word, const struct piece *p)
 {
     const cap_f4 most = {p->full, p->full, p->full, p->full};
     cap_f4 v = __builtin_convertvector(*(const cap_i4 *)sum, cap_f4) * scale;
@@ -178,15 +191,15 @@ CAP_PIX_INLINE void lanes(const struct cap_pix_bins *v, unsigned full, const str
     cap_f4 scale[3], px[3];
     v = &bins;
     p = &here;
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
     i = lanes_by_eight(v, full, p, mapped, coloured, n, out);
 #endif
     for (int c = 0; c < 3; c++)
         scale[c] = (cap_f4){v->scale[c][0], v->scale[c][1], v->scale[c][0], v->scale[c][1]};
     for (; i < n; i += 4) { /* planes may be read beyond their end */
         for (int c = 0; c < 3; c++)
-            px[c] = four(v->sum[c] + i, v->top[c] + i, scale[c], (int32_t)full,
-                         mapped ? p->word[c] + i : NULL, p);
+            px[c] = finish_four(v->sum[c] + i, v->top[c] + i, scale[c], (int32_t)full,
+                                mapped ? p->word[c] + i : NULL, p);
         if (coloured)
             coloured_four(p->matrix, p->full, px);
         put_four(px, n - i, out + (size_t)i * 4);
@@ -220,7 +233,8 @@ static void pixel_one(const struct cap_pix_bins *v, bool is_grey, int32_t full,
         mean(v, full, false, p, false, n, out);
 }
 
-void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
+/* n of them to floats as cap_convert gives them. */
+static void pix_finish(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
 {
     struct piece p = {.full = 1};
     if (j->maps != NULL)
@@ -267,7 +281,7 @@ CAP_PIX_INLINE void mapped_lanes(const struct piece *p, const float *matrix, flo
     }
 }
 
-void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *restrict out)
+static void pix_mapped(const struct cap_pix *j, size_t at, size_t n, float *restrict out)
 {
     const struct piece p = pixel_piece_of(j->maps, at);
     const uint32_t *restrict word = p.word[0];
@@ -279,11 +293,4 @@ void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *restri
     for (size_t i = 0; i < n && j->nch == 1; i++)
         out[i] = cap_pix_map(out[i] * unit, word[i]);
 }
-
-void CAP_PIX(ways)(struct cap_pix_ways *w)
-{
-    w->sums = CAP_PIX(sums);
-    w->bayer = CAP_PIX(bayer);
-    w->mosaic = CAP_PIX(mosaic);
-    w->mapped = CAP_PIX(mapped);
-}
+#endif

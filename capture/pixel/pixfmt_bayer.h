@@ -1,16 +1,19 @@
-/* pixfmt_bayer.c - Bayer images at binning 1: bilinear interpolation, or each pixel as it is.
+/* pixfmt_bayer.h - Bayer images at binning 1: bilinear interpolation, or each pixel as it is.
  *
  * A row's pixels alternate between the row's own colour (red or blue) and green.  At a pixel with
  *     h = left + right,  v = above + below,  x = the four diagonal ones
  * the missing colours are (h + v)/4 and x/4 at red and blue, h/2 and v/2 at green. */
-#include "capture/pixel/pixfmt_fast.h"
+#ifndef CAP_PIXFMT_BAYER_H
+#define CAP_PIXFMT_BAYER_H
+#include "capture/pixel/pixfmt_finish.h"
+#include "capture/pixel/pixfmt_unpack.h"
 
-enum { PIECE = CAP_PIX_PIECE, ROOM = PIECE + CAP_PIX_SLACK };
+enum { BAYER_ROOM = CAP_PIX_PIECE + CAP_PIX_SLACK };
 
 /* Colour planes of a piece. */
 struct planes {
-    uint32_t sum[3][ROOM];
-    uint16_t top[3][ROOM];
+    uint32_t sum[3][BAYER_ROOM];
+    uint16_t top[3][BAYER_ROOM];
 };
 
 /* The row's own colour, green and the far colour at its pixels: green ones are the odd places, or
@@ -66,7 +69,7 @@ static void mix_row(const struct cap_pix *j, const struct cap_pix_line *up,
     v.scale[own][!green_first] = v.scale[far][!green_first] = two;
     v.scale[1][!green_first] = v.scale[own][green_first] = one;
     v.scale[1][green_first] = v.scale[far][green_first] = four;
-    CAP_PIX(finish)(j, &v, n, out);
+    pix_finish(j, &v, n, out);
 }
 
 static void demosaic(const struct cap_pix *j, int32_t x, int32_t n, int32_t y0, int32_t y1,
@@ -83,7 +86,7 @@ static void demosaic(const struct cap_pix *j, int32_t x, int32_t n, int32_t y0, 
     }
 }
 
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
 /* As many of n values as come in eights, each in lane `first` or, at odd places, `second`. */
 static int32_t rays_by_eight(const float *light, int32_t n, int first, int second, float *out)
 {
@@ -122,22 +125,22 @@ CAP_PIX_INLINE void ray_light(const uint32_t *restrict v, const uint16_t *restri
 /* Each pixel in the lane of its colour. */
 static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float *out)
 {
-    uint16_t s[ROOM];
-    uint32_t v[PIECE];
-    float light[PIECE];
+    uint16_t s[BAYER_ROOM];
+    uint32_t v[CAP_PIX_PIECE];
+    float light[CAP_PIX_PIECE];
     const float scale = cap_pix_scale(j, 1);
     const int32_t full = (int32_t)j->full;
     const int first = j->cell[(y & 1) * 2], second = j->cell[(y & 1) * 2 + 1];
     const cap_f4 none = {NAN, NAN, NAN, 0};
     int32_t i = 0;
-    CAP_PIX(row)(j, y, x, n, s, 0);
+    pix_row(j, y, x, n, s, 0);
     cap_pix_light(s, j->table, n, v);
     if (j->maps != NULL)
         ray_light(v, s, full, n, scale, j->maps,
                   j->maps->word + (size_t)y * (size_t)j->img.width + (size_t)x, light);
     else
         ray_light(v, s, full, n, scale, NULL, NULL, light);
-#if defined(CAP_PIX_AVX2)
+#if defined(__AVX2__)
     i = rays_by_eight(light, n, first, second, out);
 #endif
     for (; i < n; i++) {
@@ -146,16 +149,17 @@ static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float
     }
 }
 
-void CAP_PIX(bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+static void pix_bayer(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     int32_t w = j->img.width;
     if (!j->rays) {
-        for (int32_t x = 0; x < w && y0 < y1; x += PIECE)
-            demosaic(j, x, w - x < PIECE ? w - x : PIECE, y0, y1, out);
+        for (int32_t x = 0; x < w && y0 < y1; x += CAP_PIX_PIECE)
+            demosaic(j, x, w - x < CAP_PIX_PIECE ? w - x : CAP_PIX_PIECE, y0, y1, out);
         return;
     }
     for (int32_t y = y0; y < y1; y++)
-        for (int32_t x = 0; x < w; x += PIECE)
-            rays(j, x, w - x < PIECE ? w - x : PIECE, y,
+        for (int32_t x = 0; x < w; x += CAP_PIX_PIECE)
+            rays(j, x, w - x < CAP_PIX_PIECE ? w - x : CAP_PIX_PIECE, y,
                  out + ((size_t)y * (size_t)w + (size_t)x) * 4);
 }
+#endif

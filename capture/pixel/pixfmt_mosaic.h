@@ -1,4 +1,4 @@
-/* pixfmt_mosaic.c - Bayer images binned, binning b >= 2.
+/* pixfmt_mosaic.h - Bayer images binned, binning b >= 2.
  *
  * Green: the bin's own samples, whose centre of gravity is the bin's, or nearly.  Red's and blue's would be
  * half a pixel off, so each of their samples counts as far as the 2x2 pixels that it stands for lie in the
@@ -7,21 +7,20 @@
  *     weighted sum = 4 (sum of the bin's own) - those at the edges + those beyond                   (1)
  * with weights (2b)^2 in all; at each edge one of the two is of the colour.  Down the rows first, for all
  * columns, then across. */
-#include <string.h>
-
-#include "capture/pixel/pixfmt_fast.h"
-
-enum { PIECE = CAP_PIX_PIECE };
+#ifndef CAP_PIXFMT_MOSAIC_H
+#define CAP_PIXFMT_MOSAIC_H
+#include "capture/pixel/pixfmt_finish.h"
+#include "capture/pixel/pixfmt_unpack.h"
 
 /* Sums down the rows of one parity and greatest samples: own rows of the bin, and (1). */
 struct columns {
-    uint32_t sum[PIECE + 2], sum1[PIECE + 2];
-    uint16_t top[PIECE + 2], top1[PIECE + 2];
+    uint32_t sum[CAP_PIX_PIECE + 2], sum1[CAP_PIX_PIECE + 2];
+    uint16_t top[CAP_PIX_PIECE + 2], top1[CAP_PIX_PIECE + 2];
 };
 /* Bins: sums and greatest samples per channel. */
 struct bins {
-    uint32_t sum[3][PIECE / 2 + CAP_PIX_SLACK];
-    uint16_t top[3][PIECE / 2 + CAP_PIX_SLACK];
+    uint32_t sum[3][CAP_PIX_PIECE / 2 + CAP_PIX_SLACK];
+    uint16_t top[3][CAP_PIX_PIECE / 2 + CAP_PIX_SLACK];
 };
 
 static void add_line(const struct cap_pix_line *restrict l, int32_t n, struct columns *restrict c)
@@ -185,7 +184,7 @@ static void pixel_put(const struct cap_pix *j, int32_t Y, const struct bins *v, 
         const bool green = ((Y + k) % 2 == 0) == (j->cell[0] == 1);
         p.scale[1][k] = cap_pix_scale(j, (b * b + (b % 2 != 0 && green)) / 2);
     }
-    CAP_PIX(finish)(j, &p, bins, out);
+    pix_finish(j, &p, bins, out);
 }
 
 /* One piece of a row of bins. */
@@ -210,12 +209,12 @@ static void pixel_bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t
     pixel_put(j, Y, &v, bins, out);
 }
 
-void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+static void pix_mosaic(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     struct cap_pix_line line[4];
     struct edges e = {&line[0], &line[1], &line[2], &line[3]};
     int32_t b = j->binning, w = j->img.width, bw = w / b;
-    int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b, piece = PIECE / unit * unit;
+    int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b, piece = CAP_PIX_PIECE / unit * unit;
     for (int32_t x = 0; x < w && y0 < y1; x += piece) {
         int32_t n = w - x < piece ? w - x : piece;
         cap_pix_fetch(j, y0 * b, x, n, e.below);
@@ -230,3 +229,4 @@ void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out
         }
     }
 }
+#endif
