@@ -266,10 +266,8 @@ static struct cap_frame *libcamera_frame_for(struct source *s, const struct cap_
     struct cap_frame *f;
     if (s->pool == NULL) {
         f = cap_lend_out(s->lend, in->index);
-        if (f != NULL) {
+        if (f != NULL)
             f->img.data = in->data;
-            f->dmabuf = in->dmabuf > 0 ? in->dmabuf : 0;
-        }
         return f;
     }
     f = cap_bufpool_get(s->pool);

@@ -445,8 +445,7 @@ void cap_lc_camera::done(Request *r)
     const Mapping &map = memory->buffer[f.index];
     f.data = map.data;
     f.bytes = bytes_used(m);
-    f.dmabuf = map.file;
-    cpu_reads(f.dmabuf, DMA_BUF_SYNC_START);
+    cpu_reads(map.file, DMA_BUF_SYNC_START);
     f.sequence = m.sequence;
     f.stamp_ns = said.get(controls::SensorTimestamp).value_or(static_cast<int64_t>(m.timestamp));
     const auto exposure = said.get(controls::ExposureTime);

@@ -65,7 +65,6 @@ struct cap_lc_frame {
     uint32_t index; /* of the buffer: it stays with the receiver until requeue */
     const void *data;
     size_t bytes;
-    int dmabuf; /* file of the memory that data lies in; lives as long as the memory */
     uint32_t sequence;
     int64_t stamp_ns;         /* SensorTimestamp, else the buffer's */
     double exposure_us, gain; /* of this frame; NAN = not said */

@@ -11,35 +11,6 @@
 
 #define STUCK_NS (3 * PVX_NS_PER_S)
 
-static void capture_destroy(struct cap_capture *cap)
-{
-    cap_assemble_nothing(cap); /* of a driver that was left behind */
-    for (uint32_t i = 0; i < cap->n; i++) {
-        struct cap_camera *cam = &cap->camera[i];
-        pvx_bell_fini(&cam->life.wake);
-        pvx_bell_fini(&cam->intake.room);
-        pthread_mutex_destroy(&cam->readings.lock);
-        pvx_ring_free(&cam->intake.ring);
-        free(cam->features);
-        free(cam->name);
-        free(cam->uri);
-        free(cam->line);
-    }
-    free(cap->camera);
-    pthread_mutex_destroy(&cap->stopping);
-    pthread_mutex_destroy(&cap->figures);
-    pvx_bell_fini(&cap->work);
-    pvx_bell_fini(&cap->home);
-    pvx_bell_fini(&cap->ending);
-    free(cap);
-}
-
-void cap_capture_unref(struct cap_capture *cap)
-{
-    if (--cap->refs == 0)
-        capture_destroy(cap);
-}
-
 pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out, struct pvx_diag *d)
 {
     *out = NULL;

@@ -1,6 +1,7 @@
 /* setup.c - what a capture is made of, from its configuration; checked, copied, allocated. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"
@@ -156,4 +157,33 @@ pvx_err cap_set_up(struct cap_capture *cap, struct pvx_diag *d)
     cap_syncwatch_init(&cap->watch, &w, &found, setup_detail);
     cap->watches = !cfg->lossless && cap->n > 1;
     return pvx_queue_new(QUEUED_SETS, &cap->out);
+}
+
+static void setup_undo(struct cap_capture *cap)
+{
+    cap_assemble_nothing(cap); /* of a driver that was left behind */
+    for (uint32_t i = 0; i < cap->n; i++) {
+        struct cap_camera *cam = &cap->camera[i];
+        pvx_bell_fini(&cam->life.wake);
+        pvx_bell_fini(&cam->intake.room);
+        pthread_mutex_destroy(&cam->readings.lock);
+        pvx_ring_free(&cam->intake.ring);
+        free(cam->features);
+        free(cam->name);
+        free(cam->uri);
+        free(cam->line);
+    }
+    free(cap->camera);
+    pthread_mutex_destroy(&cap->stopping);
+    pthread_mutex_destroy(&cap->figures);
+    pvx_bell_fini(&cap->work);
+    pvx_bell_fini(&cap->home);
+    pvx_bell_fini(&cap->ending);
+    free(cap);
+}
+
+void cap_capture_unref(struct cap_capture *cap)
+{
+    if (--cap->refs == 0)
+        setup_undo(cap);
 }

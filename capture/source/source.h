@@ -23,7 +23,6 @@ struct cap_frame {
      * the times above are the recording's and stay as they are.  0 = grouped by exposure. */
     uint64_t set;
     uint32_t set_size;
-    int dmabuf; /* DMABUF file of the memory that img.data lies in, borrowed; 0 = none */
     double exposure_us, gain; /* used for this frame, as the camera says; NAN = it does not */
     void (*release)(struct cap_frame *f);
     void *owner;

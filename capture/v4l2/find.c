@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <sys/stat.h>
 #include <systemd/sd-device.h>
 #include <unistd.h>
@@ -28,15 +27,6 @@ struct nodes {
     unsigned n, forbidden; /* capture nodes; nodes that may not be opened */
     struct node *at;
 };
-
-int v4l_call(int fd, unsigned long request, void *arg)
-{
-    int r;
-    do
-        r = ioctl(fd, request, arg);
-    while (r < 0 && errno == EINTR);
-    return r;
-}
 
 /* ---- errors ----------------------------------------------------------------------------------- */
 

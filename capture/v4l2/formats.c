@@ -1,6 +1,8 @@
+#include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/ioctl.h>
 
 #include "capture/v4l2/v4l2.h"
 
@@ -8,6 +10,15 @@
 #define V4L2_PIX_FMT_Y12P v4l2_fourcc('Y', '1', '2', 'P')
 #endif
 #define MAX_ENUM 256 /* entries of a list that a driver gives */
+
+int v4l_call(int fd, unsigned long request, void *arg)
+{
+    int r;
+    do
+        r = ioctl(fd, request, arg);
+    while (r < 0 && errno == EINTR);
+    return r;
+}
 
 #define BAYER(suffix, depth)                               \
     {V4L2_PIX_FMT_SRGGB##suffix, CAP_BAYER_RG##depth},     \

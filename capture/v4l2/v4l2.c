@@ -11,12 +11,9 @@
  * Times: stamps of CLOCK_MONOTONIC are used, others (unknown, copied, or more than 10 s away from
  * the arrival) are not: arrival counts, which is said once.  A stamp of the end of a frame is moved back by
  * the exposure when that is fixed and known; readout stays in it, the same for equal cameras.
- * DMABUF: where the driver exports its buffers, a frame carries the file (cap_frame.dmabuf) for
- * consumers that read it without the CPU; nothing in this program does.
  *
- * Source: kernel documentation, userspace-api/media/v4l (mmap, dmabuf, buffer). */
+ * Source: kernel documentation, userspace-api/media/v4l (mmap, buffer). */
 #include <errno.h>
-#include <fcntl.h>
 #include <math.h>
 #include <poll.h>
 #include <pthread.h>
@@ -52,7 +49,6 @@ struct buffers {
     struct {
         void *mem;
         size_t bytes;
-        int dmabuf; /* 0 = none */
     } at[VIDEO_MAX_FRAME];
 };
 
@@ -109,11 +105,8 @@ static bool queue_buffer(void *ctx, unsigned index)
 static void v4l2_free_buffers(void *ctx)
 {
     struct buffers *bs = ctx;
-    for (unsigned i = 0; i < bs->n; i++) {
+    for (unsigned i = 0; i < bs->n; i++)
         munmap(bs->at[i].mem, bs->at[i].bytes);
-        if (bs->at[i].dmabuf > 0)
-            close(bs->at[i].dmabuf);
-    }
     free(bs);
 }
 
@@ -140,18 +133,6 @@ static pvx_err map_buffer(struct source *s, struct buffers *bs, struct pvx_diag 
     bs->at[bs->n].bytes = bytes;
     bs->n++;
     return PVX_OK;
-}
-
-/* Where the driver can. */
-static void export_buffers(const struct v4l_device *dev, struct buffers *bs)
-{
-    for (unsigned i = 0; i < bs->n; i++) {
-        struct v4l2_exportbuffer x = {
-            .type = dev->type, .index = i, .flags = O_CLOEXEC | O_RDONLY, .fd = -1};
-        if (v4l_call(dev->fd, VIDIOC_EXPBUF, &x) != 0)
-            return;
-        bs->at[i].dmabuf = x.fd;
-    }
 }
 
 static pvx_err request(struct source *s, unsigned n, unsigned *got, struct pvx_diag *d)
@@ -186,10 +167,8 @@ static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
         return e;
     }
     s->buffers = bs;
-    if (lend) {
-        export_buffers(&s->dev, bs);
+    if (lend)
         return PVX_OK;
-    }
     LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "copied", .camera = s->name),
               "camera %s (v4l2:%s): %u buffers of the driver for %u frames: images are copied",
               s->name, s->uri, n, want);
@@ -279,10 +258,8 @@ static struct cap_frame *v4l2_frame_for(struct source *s, const struct filled *b
     } else {
         f = cap_lend_out(s->lend, b->index);
         *lent = f != NULL;
-        if (f != NULL) {
+        if (f != NULL)
             f->img.data = data;
-            f->dmabuf = s->buffers->at[b->index].dmabuf;
-        }
     }
     return f;
 }
@@ -420,10 +397,9 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
     s->exposure_us = v4l_fixed_exposure_us(&s->dev);
     s->gain = v4l_fixed_gain(&s->dev);
     v4l_serial(&s->dev, s->serial, sizeof s->serial);
-    LOG_D(CAPTURE, "camera %s (v4l2:%s): %s, %s: %s %dx%d, %.4g Hz, %u buffers%s", s->name, s->uri,
+    LOG_D(CAPTURE, "camera %s (v4l2:%s): %s, %s: %s %dx%d, %.4g Hz, %u buffers", s->name, s->uri,
           s->dev.node, s->dev.card, cap_pixfmt_name(s->layout.fmt), s->layout.width,
-          s->layout.height, s->layout.fps, s->buffers->n,
-          s->buffers->at[0].dmabuf > 0 ? ", exported" : "");
+          s->layout.height, s->layout.fps, s->buffers->n);
     *out = base;
     return PVX_OK;
 }

@@ -310,7 +310,6 @@ union argument {
     struct v4l2_streamparm parm;
     struct v4l2_requestbuffers req;
     struct v4l2_buffer buf;
-    struct v4l2_exportbuffer exp;
     struct v4l2_frmsizeenum size;
     struct v4l2_frmivalenum rate;
     struct v4l2_query_ext_ctrl query;
@@ -424,11 +423,6 @@ static int answer(struct mock_camera *c, unsigned long request, union argument *
     case VIDIOC_QUERYBUF:
     case VIDIOC_QBUF:
     case VIDIOC_DQBUF: return buffers(c, request, a, data);
-    case VIDIOC_EXPBUF:
-        if (c->no_expbuf)
-            return ENOTTY;
-        a->exp.fd = dup(s->fd);
-        return 0;
     case VIDIOC_STREAMON:
         if (c->streamon_errno != 0)
             return c->streamon_errno;

@@ -22,19 +22,19 @@ struct mock_camera {
     uint32_t fourcc[4];              /* formats, 0-terminated; all have 320x240 and 160x120 */
 
     /* switches */
-    uint32_t substitute;     /* S_FMT silently gives this format */
-    uint32_t bytesperline;   /* 0 = tight */
-    uint32_t field;          /* 0 = progressive */
-    bool ranges;             /* sizes and rates are from .. to, not lists */
-    bool no_parm, no_expbuf; /* ENOTTY */
-    bool rate_fixed;         /* S_PARM keeps 30 Hz */
-    unsigned max_buffers;    /* REQBUFS gives no more; 0 = 32 */
-    uint32_t short_by;       /* bytes missing from each frame */
-    unsigned error_every;    /* every n-th frame has V4L2_BUF_FLAG_ERROR */
-    uint32_t stamp_flags;    /* V4L2_BUF_FLAG_TIMESTAMP_* | TSTAMP_SRC_*; default MONOTONIC, SOE */
-    bool sequence_stays;     /* at 0, as v4l2loopback's */
-    unsigned skip_every;     /* every n-th frame the sequence goes on by 3 */
-    int dqbuf_errno;         /* from now on */
+    uint32_t substitute;   /* S_FMT silently gives this format */
+    uint32_t bytesperline; /* 0 = tight */
+    uint32_t field;        /* 0 = progressive */
+    bool ranges;           /* sizes and rates are from .. to, not lists */
+    bool no_parm;          /* ENOTTY */
+    bool rate_fixed;       /* S_PARM keeps 30 Hz */
+    unsigned max_buffers;  /* REQBUFS gives no more; 0 = 32 */
+    uint32_t short_by;     /* bytes missing from each frame */
+    unsigned error_every;  /* every n-th frame has V4L2_BUF_FLAG_ERROR */
+    uint32_t stamp_flags;  /* V4L2_BUF_FLAG_TIMESTAMP_* | TSTAMP_SRC_*; default MONOTONIC, SOE */
+    bool sequence_stays;   /* at 0, as v4l2loopback's */
+    unsigned skip_every;   /* every n-th frame the sequence goes on by 3 */
+    int dqbuf_errno;       /* from now on */
     int streamon_errno, s_fmt_errno, reqbufs_errno, open_errno; /* open: of QUERYCAP */
     unsigned interrupts;   /* so many ioctls end in EINTR first */
     uint32_t data_offset;  /* multi-planar */
