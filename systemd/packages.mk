@@ -1,7 +1,7 @@
 # What a bare Debian 12 needs.  tests/setup.sh asks dpkg first, so that installed packages cost no network.  It uses
 # sudo only where it is not root.
 PACKAGES_RECON := build-essential pkg-config libyaml-dev libxxhash-dev
-PACKAGES_BUILD := $(PACKAGES_RECON) libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
+PACKAGES_BUILD := $(PACKAGES_RECON) libaravis-dev libxml2-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libcjson-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
   libopencv-contrib-dev libcairo2-dev libavformat-dev libavcodec-dev libavutil-dev \
   libturbojpeg0-dev libhdf5-dev libcamera-dev libceres-dev libopenvdb-dev libboost-dev libnanovdb-dev \

@@ -13,6 +13,7 @@
 
 #include "base/clock.h"
 #include "capture/gev/err.h"
+#include "capture/gev/genicam.h"
 #include "capture/gev/last.h"
 #include "capture/wire/be.h"
 #include "capture/wire/gvcp.h"
@@ -266,32 +267,54 @@ void aravis_list_unlock(void)
 
 /* ---- opening ---------------------------------------------------------------------------------- */
 
-static ArvCamera *open_address(const struct aravis_route *r)
+static ArvDevice *open_address(const struct aravis_route *r)
 {
     struct in_addr camera = {htonl(r->camera)}, host = {htonl(r->host)};
     GInetAddress *to = g_inet_address_new_from_bytes((const guint8 *)&camera, G_SOCKET_FAMILY_IPV4);
     GInetAddress *from = g_inet_address_new_from_bytes((const guint8 *)&host, G_SOCKET_FAMILY_IPV4);
-    aravis_parser_lock();
     ArvDevice *dev = arv_gv_device_new(from, to, NULL);
-    ArvCamera *cam = dev != NULL ? arv_camera_new_with_device(dev, NULL) : NULL;
+    g_object_unref(to);
+    g_object_unref(from);
+    return dev;
+}
+
+/* By its route, or (id not NULL) by Aravis' id; NULL: another program controls it, or (PVX_ECORRUPT) its GenICam
+ * file has no end. */
+static ArvCamera *find_open(const struct cap_source_config *c, const struct aravis_route *r,
+                            const char *id, pvx_err *why, struct pvx_diag *d)
+{
+    aravis_parser_lock();
+    ArvDevice *dev = id != NULL ? arv_open_device(id, NULL) : open_address(r);
+    size_t len = 0;
+    const char *xml = dev != NULL ? arv_device_get_genicam_xml(dev, &len) : NULL;
+    char node[64];
+    bool ends = aravis_genicam_ends(xml, len, node, sizeof node);
+    if (!ends)
+        *why =
+            pvx_fail(d, PVX_ECORRUPT,
+                     "camera %s (aravis:%s): node \"%s\" of its GenICam file refers to itself, or "
+                     "through more than %d nodes; restore its firmware",
+                     c->name, c->uri, node, ARAVIS_GENICAM_LEVELS);
+    ArvCamera *cam = dev != NULL && ends ? arv_camera_new_with_device(dev, NULL) : NULL;
     aravis_parser_unlock();
     if (dev != NULL && cam == NULL)
         aravis_unref_last(dev);
     else
         g_clear_object(&dev); /* the camera has it */
-    g_object_unref(to);
-    g_object_unref(from);
     return cam;
 }
 
-/* NULL and *why: PVX_ENOENT, it is not there; PVX_EBUSY, somebody controls it, which is seen before Aravis
+/* NULL and *why: PVX_ENOENT, it is not there; PVX_EBUSY, another program controls it, which is seen before Aravis
  * asks for control (and, where the camera does not answer that, asks again for 5 s with the parser locked);
- * PVX_ECORRUPT, its GenICam file cannot be. */
-static ArvCamera *gev_find_camera(const char *what, struct aravis_route *route, pvx_err *why)
+ * PVX_ECORRUPT and *d, its GenICam file cannot be. */
+static ArvCamera *gev_find_camera(const struct cap_source_config *c, struct aravis_route *route,
+                                  pvx_err *why, struct pvx_diag *d)
 {
-    *why = PVX_ENOENT;
+    const char *what = c->uri;
     uint32_t address = aravis_address(what);
     char *id = NULL;
+    ArvCamera *cam = NULL;
+    *why = PVX_ENOENT;
     if (what[0] == '\0')
         return NULL;
     if (address != 0) {
@@ -302,21 +325,19 @@ static ArvCamera *gev_find_camera(const char *what, struct aravis_route *route, 
         if (id == NULL)
             return NULL;
     }
-    ArvCamera *cam = NULL;
-    if (address != 0) {
-        if (aravis_controlled(address))
-            *why = PVX_EBUSY;
-        else if (announces_nonsense(address))
-            *why = PVX_ECORRUPT;
-        else if (find_route(address, route))
-            cam = open_address(route);
-        if (cam != NULL && id != NULL)
-            find_remember(what, address);
-    } else {
-        aravis_parser_lock();
-        cam = arv_camera_new(id, NULL);
-        aravis_parser_unlock();
-    }
+    if (address == 0)
+        cam = find_open(c, NULL, id, why, d);
+    else if (aravis_controlled(address))
+        *why = PVX_EBUSY;
+    else if (announces_nonsense(address))
+        *why = pvx_fail(d, PVX_ECORRUPT,
+                        "camera %s (aravis:%s): announces a GenICam file of more than %u MiB; "
+                        "restore its firmware",
+                        c->name, c->uri, XML_MAX >> 20);
+    else if (find_route(address, route))
+        cam = find_open(c, route, NULL, why, d);
+    if (cam != NULL && address != 0 && id != NULL)
+        find_remember(what, address);
     g_free(id);
     return cam;
 }
@@ -327,13 +348,9 @@ pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
     aravis_log_messages();
     *route = (struct aravis_route){0};
     pvx_err why;
-    ArvCamera *cam = gev_find_camera(c->uri, route, &why);
+    ArvCamera *cam = gev_find_camera(c, route, &why, d);
     if (cam == NULL && why == PVX_ECORRUPT)
-        return pvx_fail(
-            d, why,
-            "camera %s (aravis:%s): announces a GenICam file of more than %u MiB; restore "
-            "its firmware",
-            c->name, c->uri, XML_MAX >> 20);
+        return why;
     if (cam == NULL && why == PVX_ENOENT)
         return pvx_fail(d, PVX_ENOENT,
                         "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "

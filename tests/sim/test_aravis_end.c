@@ -90,15 +90,33 @@ T_CASE(control_lost_is_told)
 
 #define LIAR "127.0.0.9"
 
-/* Answers whatever it is asked, until it gets a datagram of one byte. */
-static void *lie(void *socket)
+#define XML_AT 0x10000
+
+static struct {
+    int fd;
+    char url[64];
+    const char *xml;
+    pthread_t thread;
+} liar;
+
+/* Bytes of its memory: the address of the GenICam file, that file, else 0. */
+static void lie_memory(uint32_t at, uint8_t *out, size_t n)
 {
-    static const char url[] = "Local:liar.xml;10000;7FFFFFFFFFFFFFFF";
-    for (int fd = *(int *)socket;;) {
+    const char *from = at == 0x200 ? liar.url : at >= XML_AT ? liar.xml : "";
+    size_t skip = at >= XML_AT ? at - XML_AT : 0, len = strlen(from);
+    if (skip < len)
+        memcpy(out, from + skip, len - skip < n ? len - skip : n);
+}
+
+/* Answers whatever it is asked, until it gets a datagram of one byte. */
+static void *lie(void *unused)
+{
+    (void)unused;
+    for (;;) {
         uint8_t p[CAP_GVCP_MAX], data[CAP_GVCP_MAX] = {0};
         struct sockaddr_in from;
         socklen_t len = sizeof from;
-        ssize_t n = recvfrom(fd, p, sizeof p, 0, (struct sockaddr *)&from, &len);
+        ssize_t n = recvfrom(liar.fd, p, sizeof p, 0, (struct sockaddr *)&from, &len);
         if (n < CAP_GVCP_HEAD)
             return NULL;
         uint16_t command = cap_get16(p + 2);
@@ -108,34 +126,86 @@ static void *lie(void *socket)
         if (command == CAP_GVCP_READMEM) {
             size = 4 + cap_get16(p + CAP_GVCP_HEAD + 6);
             memcpy(data, p + CAP_GVCP_HEAD, 4);
-            if (cap_get32(p + CAP_GVCP_HEAD) == 0x200)
-                memcpy(data + 4, url, sizeof url);
+            lie_memory(cap_get32(p + CAP_GVCP_HEAD), data + 4, size - 4);
         }
         cap_put16(p, CAP_GVCP_OK);
         cap_put16(p + 2, (uint16_t)(command + 1));
         cap_put16(p + 4, (uint16_t)size);
         memcpy(p + CAP_GVCP_HEAD, data, size);
-        sendto(fd, p, CAP_GVCP_HEAD + size, 0, (struct sockaddr *)&from, len);
+        sendto(liar.fd, p, CAP_GVCP_HEAD + size, 0, (struct sockaddr *)&from, len);
     }
 }
 
-T_CASE(an_absurd_genicam_file_is_not_asked_for)
+/* The camera is refused as corrupt, with this text. */
+static void lie_refused(size_t announced, const char *xml, const char *text)
 {
     struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
     inet_pton(AF_INET, LIAR, &sa.sin_addr);
-    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    pthread_t liar;
-    T_EQ_I(bind(fd, (struct sockaddr *)&sa, sizeof sa), 0);
-    T_EQ_I(pthread_create(&liar, NULL, lie, &fd), 0);
+    liar.fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    liar.xml = xml;
+    snprintf(liar.url, sizeof liar.url, "Local:liar.xml;%x;%zx", XML_AT, announced);
+    T_EQ_I(bind(liar.fd, (struct sockaddr *)&sa, sizeof sa), 0);
+    T_EQ_I(pthread_create(&liar.thread, NULL, lie, NULL), 0);
     struct cap_source_config c = bed_source(0);
     c.uri = LIAR;
     cap_source *src = NULL;
     struct pvx_diag d = {""};
     T_EQ_I(ops->open(&c, &src, &d), PVX_ECORRUPT);
-    T_CONTAINS(d.text, "announces a GenICam file of more than 64 MiB");
-    T_EQ_I(sendto(fd, "", 1, 0, (struct sockaddr *)&sa, sizeof sa), 1);
-    pthread_join(liar, NULL);
-    close(fd);
+    T_CONTAINS(d.text, "camera a (aravis:" LIAR ")");
+    T_CONTAINS(d.text, text);
+    T_EQ_I(sendto(liar.fd, "", 1, 0, (struct sockaddr *)&sa, sizeof sa), 1);
+    pthread_join(liar.thread, NULL);
+    close(liar.fd);
+}
+
+T_CASE(an_absurd_genicam_file_is_not_asked_for)
+{
+    lie_refused(SIZE_MAX / 2, "", "announces a GenICam file of more than 64 MiB");
+}
+
+/* Nodes; setting the pixel format, which comes first, asks for "Width". */
+#define XML(nodes)                                                                               \
+    "<RegisterDescription ModelName=\"L\" VendorName=\"L\" SchemaMajorVersion=\"1\" "            \
+    "SchemaMinorVersion=\"1\" xmlns=\"http://www.genicam.org/GenApi/Version_1_1\">"              \
+    "<Group><Enumeration Name=\"PixelFormat\"><EnumEntry Name=\"Mono8\"><Value>17301505</Value>" \
+    "</EnumEntry><pValue>Width</pValue></Enumeration>" nodes                                     \
+    "</Group><Port Name=\"Device\"/></RegisterDescription>"
+
+T_CASE(a_genicam_file_that_refers_to_itself_is_refused)
+{
+    static const char *const xml[] = {
+        XML("<Integer Name=\"Width\"><pValue>Width</pValue></Integer>"),
+        XML("<Integer Name=\"Width\"><pValue>B</pValue></Integer>"
+            "<IntSwissKnife Name=\"B\"><pVariable Name=\"X\">C</pVariable>"
+            "<Formula>X+1</Formula></IntSwissKnife>"
+            "<IntReg Name=\"C\"><pAddress>Width</pAddress><Length>4</Length>"
+            "<pPort>Device</pPort></IntReg>"),
+        XML("<IntReg Name=\"Width\"><Address>0</Address><pIndex pOffset=\"Width\">Z</pIndex>"
+            "<Length>4</Length><pPort>Device</pPort></IntReg>"
+            "<Integer Name=\"Z\"><Value>1</Value></Integer>"),
+        XML("<StructReg><pAddress>Width</pAddress><Length>4</Length><pPort>Device</pPort>"
+            "<StructEntry Name=\"Width\"><LSB>31</LSB><MSB>0</MSB></StructEntry></StructReg>"),
+    };
+    for (size_t i = 0; i < sizeof xml / sizeof xml[0]; i++)
+        lie_refused(strlen(xml[i]), xml[i], "of its GenICam file refers to itself");
+}
+
+/* Too deep for the stack, if not endless. */
+T_CASE(a_genicam_file_of_many_levels_is_refused)
+{
+    enum { N = 20000 };
+    size_t n;
+    char *xml;
+    FILE *f = open_memstream(&xml, &n);
+    fputs("<RegisterDescription ModelName=\"L\" VendorName=\"L\">"
+          "<Integer Name=\"Width\"><pValue>N0</pValue></Integer>",
+          f);
+    for (int i = 0; i < N; i++)
+        fprintf(f, "<Integer Name=\"N%d\"><pValue>N%d</pValue></Integer>", i, i + 1);
+    fprintf(f, "<Integer Name=\"N%d\"><Value>1</Value></Integer></RegisterDescription>", N);
+    fclose(f);
+    lie_refused(n, xml, "through more than 200 nodes");
+    free(xml);
 }
 
 static void set_up(void)
