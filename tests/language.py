@@ -208,6 +208,14 @@ def foreign(name, text, documents):
     return said
 
 
+def unnamed_rooms():
+    """Rooms of tests/rooms.txt that the table of README.md does not name."""
+    readme = open("README.md", encoding="utf-8").read()
+    rooms = [line.split()[0] for line in open("tests/rooms.txt", encoding="utf-8") if re.match(r"\w", line)]
+    return [f"README.md: the room {room} is not in the table" for room in rooms
+            if not re.search(r"`(" + re.escape(room) + "/?|" + os.path.basename(room) + "/?)`", readme)]
+
+
 def self_test():
     """A checker that finds nothing in a bad text is worth nothing."""
     good = "# Title\n\nOne short sentence; nothing more. See `a; b` and [a page](a;b.md).\n\n    code; code\n\n| a | b |\n|---|---|\n| x; | y |\n\n" + "This is good. " * 100
@@ -244,6 +252,7 @@ def main():
         if name.endswith(".md"):
             said += links(name, text, set(tracked))
     if not wanted:
+        said += unnamed_rooms()
         documents = {os.path.basename(f) for f in tracked} | {"live.md"}       # that one is made by tests/bench/run.sh
         for name in tracked:
             if not re.search(r"\.(png|bin|h5|npy|pdf)$|^tests/(fuzz/corpus|data)/", name) and name != "tests/language.py":
