@@ -436,7 +436,8 @@ T_CASE(volume_fitted_to_the_flame)
     T_EQ_I(pyrovox("reconstruct --rig astray.yaml --frames take " EIGHT " --out x --fit-volume"),
            1);
     slurp("err");
-    T_CONTAINS(text, "3 of 3 frame sets have light, but nowhere in the rig's box");
+    T_CONTAINS(text, "3 of 3 frame sets have light, but the silhouettes of all cameras meet "
+                     "nowhere in the rig's box");
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take --out x --fit-volume --threshold 9"),
            1);
     slurp("err");

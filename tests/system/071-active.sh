@@ -38,7 +38,7 @@ same_volumes() {
 # shellcheck disable=SC2086
 not_enough() {
     run "$pyrovox" reconstruct $frames --out none --memory 0.1 --quiet
-    says 1 'GB are needed, 0.1 GB are there' '--grid' && [ -z "$(ls none 2> /dev/null)" ]
+    says 1 'GB are needed, 0.1 GB are free' '--grid' && [ -z "$(ls none 2> /dev/null)" ]
 }
 # shellcheck disable=SC2086
 no_flame() {

@@ -141,7 +141,7 @@ dies() {
     kill -9 "$started"; wait "$started" 2> /dev/null
     let_go 000002 000004
     run "$pyrovox" reconstruct --out slow.h5 --join; [ "$code" = 1 ] && grep -q " died .* process $started" <<< "$out" || { echo "$out"; return 1; }
-    solving 1; ended "$started" 1 && grep -q 'is there already (died.*--resume goes on' slow.log || { cat slow.log; return 1; }
+    solving 1; ended "$started" 1 && grep -q 'exists already (died.*--resume continues' slow.log || { cat slow.log; return 1; }
     solving 1 --resume; ended "$started" 0 && grep -qE 'earlier try: [1-4] of 6 sets are there' slow.log || { cat slow.log; return 1; }
     [ "$(how 1)" = 'done 6' ]
 }
@@ -157,7 +157,7 @@ stops() { # by Ctrl-C, or what a scheduler sends: the set that it reads is read,
 check stopped_and_gone_on_with stops
 damaged() { # a power cut, or a file server, took back what was done
     truncate -s 100k slow.h5.parts/part-0002-of-0002.h5
-    run "$pyrovox" reconstruct --out slow.h5 --join; says 1 'not as it was when it was done' 'missing: ' || return 1
+    run "$pyrovox" reconstruct --out slow.h5 --join; says 1 'changed since it was done' 'missing: ' || return 1
     solving 2 --resume; ended "$started" 0 && bits one.h5 slow.h5
 }
 check damaged_and_gone_on_with damaged
@@ -210,8 +210,8 @@ wrong() {
     for i in --array=1/2 --resume --plan --slurm=2 --sbatch=-x --save-report=r; do
         run "$pyrovox" reconstruct --out three.h5 --join $i; says 2 '--join solves nothing: it goes with --out alone' || return 1
     done
-    for i in --array=1/2 --resume --slurm=2; do solve --out x.h5 --plan $i; says 2 '--plan is of all frame sets' || return 1; done
-    solve --out x.h5 --resume; says 1 'say --array I/N' && [ ! -e x.h5 ] || return 1
+    for i in --array=1/2 --resume --slurm=2; do solve --out x.h5 --plan $i; says 2 '--plan looks at all frame sets' || return 1; done
+    solve --out x.h5 --resume; says 1 'use --array I/N' && [ ! -e x.h5 ] || return 1
     solve --out x.h5 --slurm 1.5; says 2 '--slurm 1.5: should be a whole number' || return 1
     solve --out x --margin 0.5; says 2 '--margin 0.5: should be a whole number' || return 1
     run "$pyrovox" render one.h5 x.png --angle 0; says 1 'pyrovox convert'
@@ -233,7 +233,7 @@ handed_out() {
     says 0 'job 17: parts 1-2 of 2' 'joins them into job.h5' || return 1
     grep -qx -- '--comment=flame of tuesday' words0 && grep -qx -- '--x=80' words0 && grep -qx 'job.h5.parts/job.sh' words0 || { cat words0; return 1; }
     [ "$(grep -e --cpus words0)" = --cpus-per-task=16 ] && [ "$(grep -e --cpus words1 | tail -n 1)" = --cpus-per-task=1 ] || return 1
-    slurm 2; says 1 'job.h5.parts: is there already: --resume' && [ ! -e words0 ] || return 1
+    slurm 2; says 1 'job.h5.parts: exists already: --resume' && [ ! -e words0 ] || return 1
     slurm 2 --resume; says 0 'parts 1-2 of 2' && rm -r job.h5.parts
 }
 check handed_to_slurm handed_out
@@ -245,7 +245,7 @@ not_handed_out() { # what nobody has can be begun in another number of parts
     says 1 'slurm-client' && [ ! -e job.h5.parts ] || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --out job.h5 --array 1/4 --quiet; says 0 || return 1
     touch full; slurm 4 --resume; rm full; says 1 'no room' && [ -e job.h5.parts/job.json ] || return 1
-    slurm 4; says 1 'job.h5.parts: is there already: --resume' && slurm 4 --resume; says 0 'parts 2-4 of 4'
+    slurm 4; says 1 'job.h5.parts: exists already: --resume' && slurm 4 --resume; says 0 'parts 2-4 of 4'
 }
 check what_slurm_refuses_is_not_begun not_handed_out
 

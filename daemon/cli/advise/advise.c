@@ -6,18 +6,16 @@
 #include "daemon/cli/advise/advise.h"
 
 static const char doc[] =
-    "Look at a recording and say what its scene needs: which terms of the "
-    "model, which basis and grid, and "
-    "whether light and cameras suffice.\v"
-    "Settings are compared by cameras that had no part in a volume: it is "
-    "made of the others, and shown as "
-    "they should see it. No truth is needed. A line a question: verdict, "
-    "evidence, what it buys; then a "
-    "pyrovoxd.yaml to paste.\n\n"
-    "  pyrovox advise --rig rig.yaml --frames take.h5\n"
-    "Detail is told by the singular values of the rig's own system on that "
-    "flame. Not looked at: whether the rig is right, which `pyrovox calibrate "
-    "check` says.";
+    "Measure what the scene of a recording needs, for example\n\n"
+    "  pyrovox advise --rig rig.yaml --frames take.h5\n\n"
+    "The answers: which terms of the model, which basis and grid, and whether light and cameras "
+    "suffice.\v"
+    "Settings are compared by cameras that had no part in a volume: the volume is made from the "
+    "other cameras and shown as the camera should see it. No true volume is needed. The output has "
+    "a "
+    "line for each question (verdict, evidence, gain, time), and then a pyrovoxd.yaml to paste.\n\n"
+    "The finest detail comes from the singular values of the rig's own system on that flame. "
+    "Whether the rig itself is right is a question for `pyrovox calibrate check`.";
 
 static void advise_line(const char *term, const char *verdict)
 {
@@ -40,13 +38,12 @@ static void advise_say_light(const struct flame_sets *s, const struct advice *a)
                ? "; `pyrovox calibrate dark` or `background` measure it pixel by pixel"
                : "");
     if (a->lit > 0.9)
-        printf("%-23s nearly all pixels count as flame (%.0f %%): what follows is of little worth "
-               "before that "
-               "is mended\n",
+        printf("%-23s nearly all pixels count as flame (%.0f %%): correct this first, the rest has "
+               "little value before\n",
                "", 100 * a->lit);
 }
 
-/* Where it is dark, and whose. */
+/* Where each camera is dark. */
 static void bodies(const struct flame_sets *s, const struct advice *a)
 {
     size_t n = 0;
@@ -59,25 +56,23 @@ static void bodies(const struct flame_sets *s, const struct advice *a)
         else
             printf("%-23s ", "");
         printf("%s stays dark in pixels %d..%d, %d..%d (right, down) where %.0f %% of its light is "
-               "due; "
-               "without them the "
-               "others' pictures are missed by %.1f %%, not %.1f %%\n",
+               "expected; without them the error of the other pictures is %.1f %%, with them %.1f "
+               "%%\n",
                s->rig.cameras[c].name, b->from[0], b->to[0], b->from[1], b->to[1], 100 * b->share,
                100 * b->error[1], 100 * b->error[0]);
     }
     if (n == 0) {
         advise_line("bodies", "none");
-        printf("no camera stays dark where the others say there is flame\n");
+        printf("no camera stays dark where the others see flame\n");
         return;
     }
-    printf(
-        "%-23s %s; no time. What follows is without these pixels\n", "",
-        n == 1
-            ? "something before that lens: draw it dark into its `photometry: { mask: FILE }` in "
-              "rig.yaml"
-            : "several see it: it stands about the flame, `bodies` of rig.yaml if its shape is "
-              "known, else a mask "
-              "for each camera");
+    printf("%-23s %s; no time. The rest is measured without these pixels\n", "",
+           n == 1
+               ? "a body before that lens: draw it dark into its `photometry: { mask: FILE }` in "
+                 "rig.yaml"
+               : "several cameras see it, so it stands near the flame: use `bodies` of rig.yaml if "
+                 "its "
+                 "shape is known, or else a mask for each camera");
 }
 
 static void advise_do_motion(const struct advice *a, int32_t voxels)
@@ -87,23 +82,21 @@ static void advise_do_motion(const struct advice *a, int32_t voxels)
         advise_line("rate", "unknown");
         printf("no three sets of the recording follow each other\n");
         advise_line("temporal", "off");
-        printf("the same\n");
+        printf("no three sets of the recording follow each other\n");
         return;
     }
     advise_line("rate", m->voxels > ADVISE_FAR ? "raise" : "fine");
     printf(
         "from set to set the flame moves by %.1f voxels of %d and its pictures change by %.0f %%, "
-        "by noise alone by "
-        "%.0f %%; ",
+        "%.0f %% by noise alone; ",
         m->voxels, voxels, 100 * m->change, 100 * m->noise);
     if (m->voxels > 0.5)
         printf("exposures over %.0f %% of the period smear it by half a voxel\n", 50 / m->voxels);
     else
         printf("no exposure smears it\n");
     advise_line("temporal", m->on ? "on" : "off");
-    printf("leaning on the set before betters %zu of %zu left-out pictures, which are missed by "
-           "%.2f %%, "
-           "without by %.2f %%, %.2f %% of it noise; %.0f ms, without %.0f ms at %d voxels\n",
+    printf("the volume before improves %zu of %zu left-out pictures: error %.2f %%, without it "
+           "%.2f %%, noise alone %.2f %%; %.0f ms, without it %.0f ms at %d voxels\n",
            m->better, m->pictures, 100 * m->error[1], 100 * m->error[0], 100 * m->floor, m->ms[1],
            m->ms[0], voxels);
 }
@@ -113,7 +106,8 @@ static void margin(const struct flame_sets *s, const struct advice *a)
     char n[16];
     snprintf(n, sizeof n, "%d", a->best_margin);
     advise_line("margin", n);
-    printf("left-out pictures with silhouettes grown by bins of %d pixels:", s->params.binning);
+    printf("error of left-out pictures, silhouettes grown by bins of %d pixels:",
+           s->params.binning);
     for (int m = 0; m < ADVISE_MARGINS; m++)
         printf("%s %d: %.1f %%", m > 0 ? "," : "", m, 100 * a->margin[m]);
     printf("; no time\n");
@@ -123,16 +117,16 @@ static void advise_do_response(const struct advice *a)
 {
     const struct advise_response *r = &a->response;
     advise_line("response", r->on ? "bent" : "linear");
-    printf("left-out pictures are missed by %.1f %% as they are", 100 * r->error[0]);
+    printf("error of left-out pictures %.1f %% as they are", 100 * r->error[0]);
     if (r->power != 1)
-        printf(", by %.1f %% to the power of %.2g", 100 * r->error[1], r->power);
+        printf(", %.1f %% to the power of %.2g", 100 * r->error[1], r->power);
     else
-        printf(", by more to any other power");
+        printf(", more with any other power");
     printf("; no time\n");
     if (r->on)
-        printf("%-23s `pyrovox calibrate response` measures the curve%s. What follows is with this "
-               "power\n",
-               "", r->power > 2 ? "; if the files are sRGB, --transfer srgb is all" : "");
+        printf("%-23s `pyrovox calibrate response` measures the curve%s. The rest is measured with "
+               "this power\n",
+               "", r->power > 2 ? "; if the files are sRGB, use --transfer srgb instead" : "");
 }
 
 static void millimetres(const struct rec_resolution *r, int noise)
@@ -147,14 +141,14 @@ static void millimetres(const struct rec_resolution *r, int noise)
     }
 }
 
-/* Of a flame's own brightness; by which of noise and cameras it ends. */
+/* Finest detail of a flame's own brightness, and whether noise or the rig limits it. */
 static void advise_detail(const struct advice *a)
 {
     const struct rec_resolution *r = &a->resolution;
     bool light = false;
     if (!(r->least[0][0] > 0)) {
         advise_line("detail", "unknown");
-        printf("without noise or flame nothing limits it\n");
+        printf("without noise or without flame there is no limit\n");
         return;
     }
     bool all = true;
@@ -163,7 +157,7 @@ static void advise_detail(const struct advice *a)
         light |= r->least[k][0] > 1.25 * r->least[k][1];
     }
     advise_line("detail", all ? "fine" : light ? "by noise" : "by rig");
-    printf("of the flame's own brightness survives noise and views from ");
+    printf("detail of the flame's own brightness survives from ");
     millimetres(r, 0);
     printf(" on (along x, y, z)");
     if (all) {
@@ -183,12 +177,13 @@ static void advise_say_noise(const struct advice *a)
     double most = fmax(a->noise[0], fmax(a->noise[1], a->noise[2]));
     double least = fmin(a->noise[0], fmin(a->noise[1], a->noise[2]));
     advise_line("noise", most > 1.5 * least ? "by channel" : "alike");
-    printf("red %.2f %%, green %.2f %%, blue %.2f %% of full scale; each channel is weighed by its "
-           "own, no time\n",
-           100 * a->noise[0], 100 * a->noise[1], 100 * a->noise[2]);
+    printf(
+        "red %.2f %%, green %.2f %%, blue %.2f %% of full scale; each channel is weighted by its "
+        "own; no time\n",
+        100 * a->noise[0], 100 * a->noise[1], 100 * a->noise[2]);
 }
 
-/* Alike, and volumes that are smooth serve whoever renders them. */
+/* Where both are alike: trilinear, because smooth volumes render better. */
 static enum rec_basis basis(const struct advice *a)
 {
     return ADVISE_SAME * a->basis[REC_BOX] < a->basis[REC_TRILINEAR] ? REC_BOX : REC_TRILINEAR;
@@ -198,13 +193,12 @@ static void model(const struct advice *a)
 {
     const struct rec_absorption *b = &a->absorption;
     advise_line("absorption", b->c > 0 ? "on" : "off");
-    printf(
-        "c %.3g (depth %.1f at the brightest pixel) betters %u of %u left-out pictures, which are "
-        "missed by %.1f %%, without by %.1f %%, %.1f %% of it noise; no time\n",
-        b->best, b->depth, b->better, b->views, 100 * b->missed[1], 100 * b->missed[0],
-        100 * b->noise);
+    printf("c %.3g (depth %.1f at the brightest pixel) improves %u of %u left-out pictures: error "
+           "%.1f %%, without it %.1f %%, noise alone %.1f %%; no time\n",
+           b->best, b->depth, b->better, b->views, 100 * b->missed[1], 100 * b->missed[0],
+           100 * b->noise);
     advise_line("basis", rec_basis_name(basis(a)));
-    printf("left-out pictures are missed by %.1f %% (box), %.1f %% (trilinear)\n",
+    printf("error of left-out pictures %.1f %% (box), %.1f %% (trilinear)\n",
            100 * a->basis[REC_BOX], 100 * a->basis[REC_TRILINEAR]);
 }
 
@@ -213,17 +207,16 @@ static void advise_gains(const struct flame_sets *s, const struct advice *a)
     const struct advise_gain *g = &a->gain;
     if (!g->known) {
         advise_line("gain", "unknown");
-        printf("too few sets or cameras with a flame to tell\n");
+        printf("too few sets or cameras with a flame\n");
         return;
     }
     advise_line("gain", g->on ? "on" : "off");
     if (g->gain[g->worst] == 1) {
-        printf("all cameras are alike: no gains show other sets better; no time\n");
+        printf("all cameras are alike: no gains lower the error in other sets; no time\n");
         return;
     }
-    printf("%s is furthest off the others, %.3f of what it should have; left-out pictures are "
-           "missed by %.1f %% as they "
-           "are, by %.1f %% with gains; no time\n",
+    printf("%s is furthest off the others, %.3f of what it should have; error of left-out "
+           "pictures %.1f %% as they are, %.1f %% with gains; no time\n",
            s->rig.cameras[g->worst].name, 1 / g->gain[g->worst], 100 * g->error[0],
            100 * g->error[1]);
     if (!g->on)
@@ -246,12 +239,12 @@ static void advise_size(const struct flame_sets *s, const struct advice *a)
         printf("%s%d: %.1f %% %.0f ms", i > 0 ? ", " : "", a->grid[i].voxels,
                100 * a->grid[i].error, a->grid[i].ms);
     printf(" (grey)%s\n",
-           a->best_grid + 1 == a->n_grids ? "; finer may be better yet: --grid auto" : "");
+           a->best_grid + 1 == a->n_grids ? "; a finer one may be better: --grid auto" : "");
     if (s->rig.n_cameras < 7)
         return;
     bool more = a->half > 1.25 * a->all;
     advise_line("cameras", more ? "more help" : "enough");
-    printf("left-out pictures are missed by %.1f %% by every second of the others, by %.1f %% by "
+    printf("error of left-out pictures %.1f %% from every second of the others, %.1f %% from "
            "all\n",
            100 * a->half, 100 * a->all);
 }
@@ -310,8 +303,8 @@ static error_t advise_parse(int key, char *arg, struct argp_state *st)
 
 static int advise_run(int argc, char **argv)
 {
-    static const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 1}, {0}};
-    static const struct argp argp = {.parser = advise_parse, .children = children, .doc = doc};
+    const struct argp_child children[] = {{flame_sets_argp(), 0, NULL, 1}, {0}};
+    const struct argp argp = {.parser = advise_parse, .children = children, .doc = doc};
     struct flame_sets_args args = FLAME_SETS_INIT;
     struct flame_sets s;
     struct advice a;

@@ -1,4 +1,4 @@
-/* advise.h - what `pyrovox advise` measures in a recording, and what it says of it. */
+/* advise.h - what `pyrovox advise` measures in a recording, and the limits of its verdicts. */
 #ifndef ADVISE_H
 #define ADVISE_H
 #include "daemon/cli/common/flame_sets.h"
@@ -28,14 +28,15 @@ struct advise_response {
 };
 /* Sets that follow each other. */
 struct advise_motion {
-    bool known, on;       /* known: there are three in a row; on: leaning on the set before helps */
+    bool known, on;       /* known: three sets in a row; on: the volume before helps */
     size_t sets;          /* of the run */
     double voxels;        /* of the check's grid, that its light moves from set to set */
     double change, noise; /* of the pictures from set to set, share: beyond noise, and by noise */
     double sigma;
-    double error[2], ms[2];  /* of left-out pictures and of a solve, each set alone and leaning */
-    double floor;            /* what noise alone makes of error */
-    size_t better, pictures; /* by leaning; of so many */
+    double error[2],
+        ms[2];    /* of left-out pictures and of a solve; without and with the volume before */
+    double floor; /* what noise alone makes of error */
+    size_t better, pictures; /* improved by the volume before; of so many */
 };
 /* Where a camera stays dark though the volume of the others has light there. */
 struct advise_body {
@@ -48,8 +49,8 @@ struct advice {
     double brightest;      /* measured value, full scale = 1 */
     double saturated, lit; /* share of the flame's bins at full scale; of all bins that are flame */
     double sigma;          /* noise */
-    double level[REC_MAX_CAMERAS]; /* where each camera is darkest, */
-    size_t darkest;                /* and whose that is most */
+    double level[REC_MAX_CAMERAS]; /* where each camera is darkest */
+    size_t darkest;                /* the camera with the highest level */
     struct advise_body body[REC_MAX_CAMERAS];
     struct rec_absorption absorption;
     struct advise_gain gain;
@@ -79,8 +80,8 @@ struct advice {
 #define ADVISE_GAIN       0.05 /* off the median */
 #define ADVISE_GAIN_BUYS  0.06 /* share of left-out pictures' squared error that is not noise */
 
-/* Black levels are taken off the pictures, bodies masked and gains put into s->rig as they are found, so that each
- * term is judged with the others right.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */
+/* Black levels are subtracted, bodies masked and gains put into s->rig as they are found, so that each term is judged
+ * with the others already corrected.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */
 PVX_MUST_CHECK pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* The part of it that is about light: pictures, absorption, gains. */
 PVX_MUST_CHECK pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
@@ -89,12 +90,12 @@ PVX_MUST_CHECK pvx_err advise_bodies(struct flame_sets *s, struct advise_body *f
                                      struct pvx_diag *d);
 /* Absorption and gains, each with the other as it is found. */
 PVX_MUST_CHECK pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
-/* Motion, rate, what leaning on the set before buys; resolution. */
+/* Motion, frame rate, gain by the volume before, resolution. */
 PVX_MUST_CHECK pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* Noise of each channel, from the files again, in colour. */
 PVX_MUST_CHECK pvx_err advise_noise(const struct flame_sets *s, struct advice *a,
                                     struct pvx_diag *d);
-/* Against what the light's terms explain; then: makes light of the pictures. */
+/* Compared with what absorption and gains explain.  advise_straighten turns all pictures into light. */
 PVX_MUST_CHECK pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 void advise_straighten(struct flame_sets *s, double power);
 /* A line a term on stdout, then a configuration to paste. */

@@ -1,7 +1,6 @@
-/* bodies.c - something dark before a camera: bins that stay dark over the whole recording though the volume of
- * the others has light there.  A camera that has fewer others may be told of light that is not there (ghosts), so it is
- * asked as well whether the darkness contradicts the others: their pictures are explained better by a volume that
- * these bins do not carve. */
+/* bodies.c - dark bodies before a camera: bins that stay dark over the whole recording although the volume of the
+ * other cameras has light there.  That light may be a ghost, if the other cameras are few.  So a second test is made:
+ * a volume that these bins do not carve must explain the pictures of the other cameras better. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
-/* motion.c - sets that follow each other: how far the flame moves, what of its change is noise, whether volumes
- * that lean on the one before show left-out pictures better, and how far noise and cameras let details through. */
+/* motion.c - consecutive sets: how far the flame moves, how much of its change is noise, whether the volume before
+ * improves left-out pictures, and the finest detail that noise and cameras allow. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

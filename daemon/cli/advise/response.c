@@ -1,5 +1,5 @@
-/* response.c - pictures that are a power of the light, as sRGB nearly is: volumes of such pictures miss those
- * that were left out, as where a flame absorbs, which bends only what is bright. */
+/* response.c - pictures that are a power of the light, as sRGB nearly is.  Volumes of such pictures do not fit the
+ * left-out pictures.  Absorption has a similar effect, but only on bright pixels. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -82,7 +82,7 @@ static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong
 int calibrate_check(int argc, char **argv)
 {
     struct args a = {.sets = FLAME_SETS_INIT};
-    const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 0}, {0}};
+    const struct argp_child children[] = {{flame_sets_argp(), 0, NULL, 0}, {0}};
     const struct argp argp = {
         .options = options, .parser = check_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)

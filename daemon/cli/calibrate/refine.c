@@ -136,7 +136,7 @@ static pvx_err refine_rig(struct flame_sets *s, const struct args *a, bool *acce
 int calibrate_refine(int argc, char **argv)
 {
     struct args a = {.sets = FLAME_SETS_INIT};
-    const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 0}, {0}};
+    const struct argp_child children[] = {{flame_sets_argp(), 0, NULL, 0}, {0}};
     const struct argp argp = {
         .options = options, .parser = refine_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)

@@ -61,6 +61,83 @@ int cli_arg_choice(struct argp_state *st, const char *name, const char *text,
     return 0;
 }
 
+int cli_arg_word(struct argp_state *st, const char *name, const char *text, const char *words)
+{
+    char list[300] = "", *rest, *word;
+    int k = 0;
+    snprintf(list, sizeof list, "%s", words);
+    for (rest = list; (word = strsep(&rest, "|")) != NULL; k++)
+        if (strcmp(word, text) == 0)
+            return k;
+    list[0] = '\0';
+    for (const char *w = words; *w != '\0'; w++)
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%c%s", *w == '|' ? ',' : *w,
+                 *w == '|' ? " " : "");
+    argp_error(st, "--%s %s: should be one of %s", name, text, list);
+    return 0;
+}
+
+/* A number within the row's limits, or what its word stands for. */
+static double arg_number(struct argp_state *st, const struct cli_row *r, const char *text)
+{
+    const char *word = strchr(r->arg, '|');
+    if (!(r->hi > r->lo))
+        return cli_arg_word(st, r->name, text, r->arg);
+    if (word != NULL && strcmp(word + 1, text) == 0)
+        return r->lo - 1;
+    if (r->type == CLI_FLOAT || r->type == CLI_DOUBLE)
+        return cli_arg_double(st, r->name, text, r->lo, r->hi);
+    return (double)cli_arg_whole(st, r->name, text, (int64_t)r->lo, (int64_t)r->hi);
+}
+
+#define ARG_ROW_KEY 0x10000 /* to 0x1ffff; a command's own keys are below, argp's above */
+
+const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_option *room)
+{
+    int group = 0, heading = 1;
+    for (int i = 0; rows[i].help != NULL; i++) {
+        const struct cli_row *r = &rows[i];
+        bool optional = r->arg != NULL && *r->arg == '=';
+        if (r->name == NULL)
+            group = ++heading;
+        room[i] = (struct argp_option){
+            .name = r->name,
+            .key = r->name == NULL      ? 0
+                   : r->type == CLI_OWN ? (int)r->at
+                                        : ARG_ROW_KEY + i,
+            .arg = optional ? r->arg + 1 : r->arg,
+            .flags = optional ? OPTION_ARG_OPTIONAL : 0,
+            .doc = r->help,
+            .group = group,
+        };
+        room[i + 1] = (struct argp_option){0};
+    }
+    return room;
+}
+
+error_t cli_row(const struct cli_row *rows, int key, const char *text, struct argp_state *st,
+                void *out)
+{
+    if (key >> 16 != 1)
+        return ARGP_ERR_UNKNOWN;
+    const struct cli_row *r = &rows[key - ARG_ROW_KEY];
+    void *at = (char *)out + r->at;
+    switch (r->type) {
+    case CLI_BOOL:
+        *(bool *)at = r->arg == NULL || cli_arg_word(st, r->name, text, r->arg) == 1;
+        break;
+    case CLI_TEXT: *(const char **)at = text; break;
+    case CLI_INT: *(int32_t *)at = (int32_t)arg_number(st, r, text); break;
+    case CLI_UINT: *(uint32_t *)at = (uint32_t)arg_number(st, r, text); break;
+    case CLI_INT64: *(int64_t *)at = (int64_t)arg_number(st, r, text); break;
+    case CLI_FLOAT: *(float *)at = (float)arg_number(st, r, text); break;
+    case CLI_DOUBLE: *(double *)at = arg_number(st, r, text); break;
+    case CLI_PIXFMT: *(enum cap_pixfmt *)at = cli_arg_pixfmt(st, text); break;
+    case CLI_OWN: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
 enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text)
 {
     char names[CAP_PIXFMT_NAMES_MAX];
@@ -69,12 +146,6 @@ enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text)
     if (f == CAP_FMT_NONE)
         argp_error(st, "--pixel-format %s: should be one of %s", text, names);
     return f;
-}
-
-enum cap_transfer cli_arg_transfer(struct argp_state *st, const char *text)
-{
-    static const char *const names[] = {"auto", "linear", "srgb", "bt709", NULL};
-    return (enum cap_transfer)cli_arg_choice(st, "transfer", text, names);
 }
 
 void cli_arg_one(struct argp_state *st, const char *what, const char *text, const char **out)

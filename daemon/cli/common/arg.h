@@ -1,13 +1,66 @@
-/* arg.h - values of options, for the parsers of argp.
+/* arg.h - options of the commands: one table, a row an option, and the values that options have.
  *
- * Each reads `text`, the value of option --name, or ends the program as argp_error does: with what
- * the value should be, and exit code 2.  Limits are inclusive. */
+ * A row says what the option is called, where its value goes, what the value may be, and what --help
+ * says of it.  A command gives its rows to cli_rows, which makes the options of argp from them, and its
+ * argp parser hands to cli_row what is not its own:
+ *
+ *     #define AT(field) CLI_AT(struct render_options, field)
+ *     static const struct cli_row rows[] = {
+ *         {"fps", "N", AT(fps), 1, 100, "pictures a second (default 15)"},
+ *         {"quiet", NULL, AT(quiet), 0, 0, "no progress"},
+ *         {0}};
+ *
+ * The functions below read `text`, the value of option --name.  A wrong value ends the program as
+ * argp_error does: with what the value should be, and exit code 2.  Limits are inclusive. */
 #ifndef CLI_ARG_H
 #define CLI_ARG_H
 #include <argp.h>
+#include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 #include "capture/pixel/image.h"
-#include "capture/pixel/transfer.h"
+
+enum cli_type {
+    CLI_OWN, /* the command reads it: `at` is the key that its parser sees */
+    CLI_BOOL,
+    CLI_TEXT, /* borrowed from argv */
+    CLI_INT,
+    CLI_UINT,
+    CLI_INT64,
+    CLI_FLOAT,
+    CLI_DOUBLE,
+    CLI_PIXFMT
+};
+
+struct cli_row {
+    const char *name; /* NULL: `help` is the heading of the rows that follow */
+    const char *arg;  /* the value as --help shows it; NULL: none.  "=X": it may be left out */
+    size_t at;        /* place of the value in the command's struct */
+    enum cli_type
+        type; /* of that place.  CLI_BOOL becomes true, or whether the second word was given */
+    double lo,
+        hi; /* limits of a number.  Both 0: `arg` lists words, "a|b|c"; the value is the word's place */
+    const char *help;
+};
+/* A field of the command's struct: its place and type. */
+#define CLI_AT(T, field) \
+    offsetof(T, field),          \
+        _Generic(((T *)0)->field, bool \
+                 : CLI_BOOL, const char * \
+                 : CLI_TEXT, int32_t \
+                 : CLI_INT, uint32_t \
+                 : CLI_UINT, int64_t \
+                 : CLI_INT64, float \
+                 : CLI_FLOAT, double \
+                 : CLI_DOUBLE)
+#define CLI_KEY(key) (key), CLI_OWN
+
+/* The rows as options of argp, in `room` of as many; the table ends with an empty row.  The rows before the first
+ * heading are group 0, those below are 2, 3 and so on: 1 is for an argp child. */
+const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_option *room);
+/* The value of option `key` into the struct `out`.  ARGP_ERR_UNKNOWN: the key is none of the rows'. */
+error_t cli_row(const struct cli_row *rows, int key, const char *text, struct argp_state *st,
+                void *out);
 
 void cli_arg_int(struct argp_state *st, const char *name, const char *text, int64_t lo, int64_t hi,
                  int64_t *out);
@@ -21,10 +74,11 @@ void cli_arg_size(struct argp_state *st, const char *name, const char *text, int
 /* Number of the word; words end with NULL. */
 int cli_arg_choice(struct argp_state *st, const char *name, const char *text,
                    const char *const *words);
+/* Place of the word in `words`, "a|b|c". */
+int cli_arg_word(struct argp_state *st, const char *name, const char *text, const char *words);
 /* A command's only argument; `what` it is is said when there is a second. */
 void cli_arg_one(struct argp_state *st, const char *what, const char *text, const char **out);
-/* --pixel-format NAME, --transfer auto|linear|srgb|bt709. */
+/* --pixel-format NAME. */
 enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text);
-enum cap_transfer cli_arg_transfer(struct argp_state *st, const char *text);
 
 #endif

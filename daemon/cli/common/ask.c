@@ -15,10 +15,10 @@
 #define SAY_MS    1000  /* until a wait that may be long is said */
 #define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 
-/* Whom is asked, and with which key. */
+/* The daemon that is asked, and with which key. */
 struct whom {
     const char *endpoint, *key;
-    bool patient; /* the answer may take long: that is said */
+    bool patient; /* the answer may take long: print that */
 };
 
 /* Room for an answer, or why there will be none. */

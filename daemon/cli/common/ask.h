@@ -4,9 +4,10 @@
 #include <cjson/cJSON.h>
 #include "base/err.h"
 
-/* key: a .key file for a daemon that asks for one, or NULL.  Send {"cmd":`cmd`} and wait at most timeout_ms for the answer.  Owner of *out: caller, cJSON_Delete.
- * PVX_ETIMEDOUT: nobody answers there (diag says what to do); PVX_EFORMAT: not JSON;
- * PVX_EPERM: it turned this key away, or asks for one; PVX_EINVAL: the daemon refused (diag has its words). */
+/* Send {"cmd":`cmd`} and wait at most timeout_ms for the answer.  key: a .key file for a daemon that needs one, or
+ * NULL.  Owner of *out: caller, cJSON_Delete.
+ * PVX_ETIMEDOUT: no answer (diag says what to do).  PVX_EFORMAT: not JSON.  PVX_EPERM: the daemon refuses this key,
+ * or needs one.  PVX_EINVAL: the daemon refuses the request (diag has its words). */
 PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *key, const char *cmd, int timeout_ms,
                            cJSON **out, struct pvx_diag *d);
 /* The same with a whole request, JSON text. */

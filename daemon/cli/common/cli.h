@@ -1,4 +1,4 @@
-/* cli.h - the commands of `pyrovox`: one file each, cmd_<name>.c, listed in pyrovox.c.
+/* cli.h - the commands of `pyrovox`, which pyrovox.c lists.
  *
  * A command parses its own arguments with argp (--help teaches), prints results on stdout, progress
  * and errors on stderr, and returns an exit code: 0 done, 1 failed (message printed), 2 wrong usage,
@@ -26,7 +26,7 @@ int cli_error(const struct pvx_diag *d, pvx_err e);
  * a struct cli_progress; returns false once cli_stop is set. */
 struct cli_progress {
     const char *label;
-    bool quiet; /* nothing is said; work is still stopped */
+    bool quiet; /* print nothing; Ctrl-C still stops the work */
     double last;
     long long t0;
 };

@@ -8,69 +8,39 @@
 #include "base/mem.h"
 #include "daemon/cli/common/arg.h"
 
-enum {
-    OPT_RIG = 0x900,
-    OPT_CAMERAS,
-    OPT_FRAMES,
-    OPT_FIRST,
-    OPT_LAST,
-    OPT_SETS,
-    OPT_BACKGROUND,
-    OPT_BLACK,
-    OPT_BINNING,
-    OPT_FORMAT,
-    OPT_TRANSFER,
-    OPT_THREADS,
-    OPT_QUIET
-};
+#define AT(field) CLI_AT(struct flame_sets_args, field)
 
-static const struct argp_option options[] = {
-    {"rig", OPT_RIG, "FILE", 0, "rig.yaml: volume, camera poses and lenses", 0},
-    {"cameras", OPT_CAMERAS, "A,B,...", 0, "these cameras only", 0},
-    {"frames", OPT_FRAMES, "DIR|TAKE.h5", 0,
-     "a flame: DIR/<camera>/<6 digits>.(npy|png|tif|jpg), or a take of raw frames", 0},
-    {"first", OPT_FIRST, "N", 0, "first frame number", 0},
-    {"last", OPT_LAST, "N", 0, "last frame number", 0},
-    {"sets", OPT_SETS, "N", 0,
-     "look at N frame sets (default 60), of a longer recording runs of 10 spread over it", 0},
-    {"background", OPT_BACKGROUND, "DIR", 0,
-     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame", 0},
-    {"black", OPT_BLACK, "X", 0, "black level, share of full scale (default 0)", 0},
-    {"binning", OPT_BINNING, "N", 0,
-     "raw pixels per bin side (default: so that a picture is at least 160 bins wide)", 0},
-    {"pixel-format", OPT_FORMAT, "NAME", 0, "what grey images are, as of `pyrovox reconstruct`", 0},
-    {"transfer", OPT_TRANSFER, "auto|linear|srgb|bt709", 0,
-     "how samples stand for light (auto: JPEG files srgb, all others linear)", 0},
-    {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 0},
-    {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
+static const struct cli_row rows[] = {
+    {"rig", "FILE", AT(rig), 0, 0, "rig.yaml: volume, camera poses and lenses"},
+    {"cameras", "A,B,...", AT(cameras), 0, 0, "use these cameras only"},
+    {"frames", "DIR|TAKE.h5", AT(frames), 0, 0,
+     "a recording of a flame: DIR/<camera>/<6 digits>.(npy|png|tif|jpg), or a take of raw frames"},
+    {"sets", "N", AT(sets), REC_CHECK_SETS, 10000,
+     "use N frame sets (default 60); of a longer recording runs of 10, spread over it"},
+    {"background", "DIR", AT(background), 0, 0,
+     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame"},
+    {"black", "X", AT(black), 0, 1, "black level, share of full scale (default 0)"},
+    {"binning", "N", AT(binning), 1, 64,
+     "raw pixels per bin side (default: such that a picture is at least 160 bins wide)"},
+    {"threads", "N", AT(threads), 0, 256, "number of threads (0: one per CPU)"},
+    FRAMES_IN_ROWS(struct flame_sets_args),
     {0}};
 
 static error_t flame_sets_parse(int key, char *arg, struct argp_state *st)
 {
     struct flame_sets_args *a = st->input;
-    switch (key) {
-    case OPT_RIG: a->rig = arg; return 0;
-    case OPT_CAMERAS: a->cameras = arg; return 0;
-    case OPT_FRAMES: a->frames = arg; return 0;
-    case OPT_FIRST: cli_arg_int(st, "first", arg, 0, FRAMES_IN_LAST, &a->first); return 0;
-    case OPT_LAST: cli_arg_int(st, "last", arg, 0, FRAMES_IN_LAST, &a->last); return 0;
-    case OPT_SETS: cli_arg_int(st, "sets", arg, REC_CHECK_SETS, 10000, &a->sets); return 0;
-    case OPT_BACKGROUND: a->background = arg; return 0;
-    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
-    case OPT_BINNING: cli_arg_int(st, "binning", arg, 1, 64, &a->binning); return 0;
-    case OPT_FORMAT: a->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
-    case OPT_TRANSFER: a->reading.transfer = cli_arg_transfer(st, arg); return 0;
-    case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
-    case OPT_QUIET: a->quiet = true; return 0;
-    case ARGP_KEY_END:
-        if (a->rig == NULL)
-            argp_error(st, "which rig? --rig rig.yaml");
-        return 0;
-    default: return ARGP_ERR_UNKNOWN;
-    }
+    if (key == ARGP_KEY_END && a->rig == NULL)
+        argp_error(st, "which rig? --rig rig.yaml");
+    return cli_row(rows, key, arg, st, a);
 }
 
-const struct argp flame_sets_argp = {.options = options, .parser = flame_sets_parse};
+const struct argp *flame_sets_argp(void)
+{
+    static struct argp_option options[sizeof rows / sizeof *rows];
+    static struct argp argp = {.parser = flame_sets_parse};
+    argp.options = cli_rows(rows, options);
+    return &argp;
+}
 
 /* ---- loaded ---- */
 

@@ -1,13 +1,13 @@
-/* flame_sets.h - frame sets of a recording for the commands that hold a flame against its rig: their options and
- * the binned grey pictures, in memory, as often as they are asked for.
+/* flame_sets.h - frame sets of a recording, for the commands that compare a flame with the rig: their options, and
+ * the binned pictures, which stay in memory.
  *
  *   --rig FILE --cameras A,B --frames DIR|TAKE.h5 --first N --last N --sets N --background DIR --black X
  *   --binning N --pixel-format NAME --transfer NAME --threads N --quiet
  *
- * A command lists flame_sets_argp among its children, hands over the struct in ARGP_KEY_INIT as with opt_rig.h, and
+ * A command lists flame_sets_argp() among its children, hands over the struct in ARGP_KEY_INIT as with opt_rig.h, and
  * then calls flame_sets_load.  Strings point into argv.
- * Of more than --sets frame sets, runs of FLAME_SETS_RUN that follow each other are taken, evenly spread: what is
- * one frame late shows against its neighbours alone. */
+ * Of a longer recording, runs of FLAME_SETS_RUN consecutive sets are taken, evenly spread.  Only neighbours show
+ * whether a camera is one frame late. */
 #ifndef FLAME_SETS_H
 #define FLAME_SETS_H
 #include <argp.h>
@@ -30,7 +30,7 @@ struct flame_sets_args {
     {                                      \
         .last = FRAMES_IN_LAST, .sets = 60 \
     }
-extern const struct argp flame_sets_argp;
+const struct argp *flame_sets_argp(void);
 
 struct flame_sets {
     const struct flame_sets_args *a;
@@ -56,7 +56,7 @@ struct flame_sets {
  * Owner: caller, flame_sets_fini, after an error too. */
 PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
                                        struct pvx_diag *d);
-/* The same of a rig that is in s already, with `light` and `colour`.  With light saturated bins are NaN. */
+/* The same for a rig that is already in s, with `light` and `colour`.  With light saturated bins are NaN. */
 PVX_MUST_CHECK pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d);
 void flame_sets_fini(struct flame_sets *s);
 /* All of them, with a progress under this name unless --quiet; borrowed by the source. */

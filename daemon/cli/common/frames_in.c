@@ -219,8 +219,7 @@ static void frames_in_let_go(struct frames_in *f, uint64_t mask, struct pvx_diag
             pvx_fail(why, PVX_EINVAL, "%s: %s", frames_in_name_of(f, f->at, c, room),
                      dmn_images_why(f->images, c));
         if (why->text[0] != '\0') {
-            if (!f->backwards)
-                fprintf(stderr, "pyrovox: %s\n", why->text);
+            fprintf(stderr, "pyrovox: %s\n", why->text);
             if (first->text[0] == '\0')
                 *first = *why;
         }
@@ -252,7 +251,7 @@ static pvx_err frames_in_next(void *ctx, struct dmn_slot *s)
     if (f->left == 0 || cli_stop || atomic_load(&f->stop))
         return PVX_ECLOSED;
     f->left--;
-    frames_in_load_set(f, f->backwards ? f->left : f->n - 1 - f->left);
+    frames_in_load_set(f, f->n - 1 - f->left);
     int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
     s->set = f->number[f->at];
     s->t_exposure_ns = s->spread_ns = 0;
@@ -270,10 +269,9 @@ static pvx_err frames_in_next(void *ctx, struct dmn_slot *s)
     return PVX_OK;
 }
 
-struct dmn_source frames_in_source(struct frames_in *f, bool backwards)
+struct dmn_source frames_in_source(struct frames_in *f)
 {
     f->left = f->n;
-    f->backwards = backwards;
     return (struct dmn_source){.next = frames_in_next, .ctx = f};
 }
 

@@ -1,12 +1,13 @@
 /* frames_in.h - the offline source of the pipeline: recorded frames, from a folder
- * DIR/<camera name>/<frame number, 6 digits or more>.(npy|png|tif|tiff|jpg) or a take of raw frames (FILE.h5), whose
- * frames are numbered by their sets.
+ * DIR/<camera name>/<frame number, 6 digits or more>.(npy|png|tif|tiff|jpg), or from a take of raw frames (FILE.h5).
+ * Frames of a take have the numbers of their sets.
  *
- * A frame that a camera lacks is missing from its set; one that cannot be used is told on stderr, and
- * missing too.
- * Ownership: the struct is the caller's; it may not be moved once used as a source.  Threads: one. */
+ * A frame that a camera lacks is missing from its set.  A frame that cannot be used is reported on stderr
+ * and is missing too.
+ * Ownership: the struct is the caller's.  It must stay in its place while it is a source.  Threads: one. */
 #ifndef FRAMES_IN_H
 #define FRAMES_IN_H
+#include "daemon/cli/common/arg.h"
 #include <stdatomic.h>
 #include "capture/files/imgio.h"
 #include "capture/take/take.h"
@@ -21,6 +22,45 @@ struct frames_in_reading {
     enum cap_transfer transfer;
     enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
 };
+
+/* Options (arg.h) of the commands that read recorded frames, into the fields `first`, `last`, `reading` and `quiet` of
+ * the command's struct T; and how silhouettes are found, into its `frame.photo`. */
+#define FRAMES_IN_ROWS(T)                                                                         \
+    {"first", "N", CLI_AT(T, first), 0, FRAMES_IN_LAST, "first frame number"},                    \
+        {"last", "N", CLI_AT(T, last), 0, FRAMES_IN_LAST, "last frame number"},                   \
+        {"pixel-format",                                                                          \
+         "NAME",                                                                                  \
+         offsetof(T, reading.fmt),                                                                \
+         CLI_PIXFMT,                                                                              \
+         0,                                                                                       \
+         0,                                                                                       \
+         "read grey images as this format: BayerRG8 for raw pictures of a colour camera, Mono12 " \
+         "for 12 "                                                                                \
+         "bits in 16 ..."},                                                                       \
+        {"transfer",                                                                              \
+         "auto|linear|srgb|bt709",                                                                \
+         CLI_AT(T, reading.transfer),                                                             \
+         0,                                                                                       \
+         0,                                                                                       \
+         "how sample values represent light (auto: srgb for JPEG files, linear for all others)"}, \
+    {                                                                                             \
+        "quiet", NULL, CLI_AT(T, quiet), 0, 0, "no progress"                                      \
+    }
+#define FRAMES_IN_PHOTO_ROWS(T)                                                                   \
+    {"threshold",                                                                                 \
+     "X|auto",                                                                                    \
+     CLI_AT(T, frame.photo.threshold),                                                            \
+     0,                                                                                           \
+     1e6,                                                                                         \
+     "a bin is flame from X of full scale on (auto, the default: from the noise)"},               \
+        {"black", "X", CLI_AT(T, frame.photo.black),                                              \
+         0,       1,   "black level, share of full scale (default 0)"},                           \
+    {                                                                                             \
+        "margin", "N", CLI_AT(T, frame.photo.margin), 0, 64,                                      \
+            "grow silhouettes by N bins (default 0). Use the calibration error in bins: a "       \
+            "smaller margin "                                                                     \
+            "cuts the rim of the flame off, a larger one takes time and lets light leak outwards" \
+    }
 
 struct frames_in {
     const struct rec_rig *rig; /* borrowed, as the pool */
@@ -40,22 +80,21 @@ struct frames_in {
     int32_t binning;
     enum cap_mosaic mosaic;
     size_t at, left;    /* the set that is read, those that are not read yet */
-    bool backwards;     /* as a source: from the last set to the first */
     dmn_images *images; /* NULL before frames_in_begin */
     struct cap_loaded loaded[REC_MAX_CAMERAS];
     const struct cap_image *image[REC_MAX_CAMERAS]; /* NULL = missing */
-    struct pvx_diag why[REC_MAX_CAMERAS];           /* "" = it is just not there */
+    struct pvx_diag why[REC_MAX_CAMERAS];           /* "" = there is no such frame */
 };
 
-/* Look what is there from frame `first` to `last`; channels are those of the first image
- * that can be read.  grey: one channel whatever the images have.
- * Errors: PVX_ENOENT (says what was looked for), the first image's. */
+/* Find the frames from number `first` to `last`.  The number of channels is that of the first image that can
+ * be read.  grey: one channel, whatever the images have.
+ * Errors: PVX_ENOENT (names the files that it looked for), those of the first image. */
 PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first,
                                       uint32_t last, bool grey, struct pvx_diag *d);
-/* A take's pictures are of the cameras, exposures and gains that the rig's photometry was measured with.
- * PVX_EINVAL: they are not.  Of folders nothing is known. */
+/* Check that a take has the cameras, exposures and gains that the rig's photometry was measured with.
+ * PVX_EINVAL: it has others.  A folder does not say, and passes. */
 PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);
-/* From now on there are only the sets [first, end) of those that there were. */
+/* Keep only the sets [first, end). */
 void frames_in_only(struct frames_in *f, size_t first, size_t end);
 void frames_in_close(struct frames_in *f);
 
@@ -70,14 +109,14 @@ float *frames_in_room(const struct frames_in *f, size_t c);
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
 /* The same into a frame that was reset. */
 uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame);
-/* DIR/<camera>.npy, .tif, .tiff or .png, the first that is there; false: none is. */
+/* DIR/<camera>.npy, .tif, .tiff or .png, the first that exists; false: none exists. */
 bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size);
 /* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way; but .npy of floats are what
  * `calibrate background` wrote, with the rig's photometry in them.  Owner of each out[camera]: caller, free(),
  * after an error too. */
 PVX_MUST_CHECK pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out,
                                             struct pvx_diag *d);
-/* All sets, until `stop` or Ctrl-C; from the last to the first, what cannot be used is not told again. */
-struct dmn_source frames_in_source(struct frames_in *f, bool backwards);
+/* All sets, until `stop` or Ctrl-C. */
+struct dmn_source frames_in_source(struct frames_in *f);
 
 #endif

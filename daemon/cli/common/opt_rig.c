@@ -10,23 +10,25 @@
 #include "daemon/cli/common/arg.h"
 #include "daemon/pipeline/photometry.h"
 
-enum { OPT_RIG = 0x700, OPT_CAMERAS, OPT_GRID, OPT_BASIS, OPT_BINNING, OPT_RAYS, OPT_THREADS };
+enum { OPT_GRID = 0x700 };
 
-static const struct argp_option options[] = {
-    {NULL, 0, NULL, 0, "Rig and system matrix:", 1},
-    {"rig", OPT_RIG, "FILE", 0, "rig.yaml: volume, camera poses and lenses", 1},
-    {"cameras", OPT_CAMERAS, "A,B,...", 0, "use these cameras only", 1},
-    {"grid", OPT_GRID, "N|NX,NY,NZ|auto", 0,
-     "voxels along x, y, z, instead of the rig's (auto: the finest that the pictures hold: no "
-     "voxel under 0.7 pixels, at most 20 unknowns to a measured value, at most 256 voxels)",
-     1},
-    {"basis", OPT_BASIS, "box|trilinear", 0,
-     "basis function, instead of the rig's (one that says nothing: trilinear; box is faster)", 1},
-    {"binning", OPT_BINNING, "N|auto", 0,
-     "raw pixels per bin side; must divide the image sizes (auto: a bin is at most 1.1 voxels)", 1},
-    {"rays", OPT_RAYS, "N|auto", 0,
-     "N x N rays per bin (auto: 2, the mean over its area; 1 is faster and less accurate)", 1},
-    {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU that it may use)", 1},
+#define AT(field) CLI_AT(struct opt_rig, field)
+
+static const struct cli_row rows[] = {
+    {.help = "Rig and system matrix:"},
+    {"rig", "FILE", AT(path), 0, 0, "rig.yaml: volume, camera poses and lenses"},
+    {"cameras", "A,B,...", AT(cameras), 0, 0, "use these cameras only"},
+    {"grid", "N|NX,NY,NZ|auto", CLI_KEY(OPT_GRID), 0, 0,
+     "voxels along x, y, z, instead of the rig's. auto: the finest grid that the pictures support "
+     "(no voxel under 0.7 pixels, at most 20 unknowns to a measured value, at most 256 voxels)"},
+    {"basis", "box|trilinear", AT(basis), 0, 0,
+     "basis function, instead of the rig's (default where the rig names none: trilinear; box is "
+     "faster)"},
+    {"binning", "N|auto", AT(matrix.binning), 1, 64,
+     "raw pixels per bin side; must divide the image sizes (auto: a bin is at most 1.1 voxels)"},
+    {"rays", "N|auto", AT(matrix.rays_per_bin), 1, 16,
+     "N x N rays per bin (auto: 2, the mean over its area; 1 is faster and less accurate)"},
+    {"threads", "N", AT(threads), 0, 256, "number of threads (0: one per CPU that it may use)"},
     {0},
 };
 
@@ -49,22 +51,10 @@ bool opt_rig_parse_grid(const char *s, int32_t n[3])
     return got == 1 || got == 3;
 }
 
-static bool parse_auto(const char *s, int64_t max, int32_t *out)
-{
-    int64_t v = 0;
-    if (strcmp(s, "auto") != 0 && pvx_parse_int(s, 1, max, &v) != PVX_OK)
-        return false;
-    *out = (int32_t)v;
-    return true;
-}
-
 static error_t opt_rig_parse(int key, char *arg, struct argp_state *state)
 {
     struct opt_rig *o = state->input;
-    int64_t v = 0;
     switch (key) {
-    case OPT_RIG: o->path = arg; return 0;
-    case OPT_CAMERAS: o->cameras = arg; return 0;
     case OPT_GRID:
         o->grid_auto = strcmp(arg, "auto") == 0;
         if (o->grid_auto)
@@ -74,31 +64,17 @@ static error_t opt_rig_parse(int key, char *arg, struct argp_state *state)
                        arg, REC_GRID_MAX);
         o->grid_one = strchr(arg, ',') == NULL;
         return 0;
-    case OPT_BASIS:
-        if (strcmp(arg, "box") == 0)
-            o->basis = REC_BOX;
-        else if (strcmp(arg, "trilinear") == 0)
-            o->basis = REC_TRILINEAR;
-        else
-            argp_error(state, "--basis %s: should be box or trilinear", arg);
-        return 0;
-    case OPT_BINNING:
-        if (!parse_auto(arg, 64, &o->matrix.binning))
-            argp_error(state, "--binning %s: should be auto or 1 to 64", arg);
-        return 0;
-    case OPT_RAYS:
-        if (!parse_auto(arg, 16, &o->matrix.rays_per_bin))
-            argp_error(state, "--rays %s: should be auto or 1 to 16", arg);
-        return 0;
-    case OPT_THREADS:
-        cli_arg_int(state, "threads", arg, 0, 256, &v);
-        o->threads = (unsigned)v;
-        return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, state, o);
     }
 }
 
-const struct argp opt_rig_argp = {.options = options, .parser = opt_rig_parse};
+const struct argp *opt_rig_argp(void)
+{
+    static struct argp_option options[sizeof rows / sizeof *rows];
+    static struct argp argp = {.parser = opt_rig_parse};
+    argp.options = cli_rows(rows, options);
+    return &argp;
+}
 
 pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *rig, struct pvx_diag *d)
 {

@@ -3,7 +3,7 @@
  *   --rig FILE --cameras A,B --grid N|NX,NY,NZ|auto --basis box|trilinear --binning N|auto --rays N|auto
  *   --threads N
  *
- * A command lists opt_rig_argp among its children and hands over the struct in ARGP_KEY_INIT:
+ * A command lists opt_rig_argp() among its children and hands over the struct in ARGP_KEY_INIT:
  *     case ARGP_KEY_INIT: state->child_inputs[0] = &my->rig; return 0;
  * and after argp_parse calls opt_rig_load.  Strings point into argv. */
 #ifndef OPT_RIG_H
@@ -18,7 +18,7 @@ struct opt_rig {
     int32_t grid[3];                 /* 0 = as the rig says */
     bool grid_one;                   /* one number was given for all three */
     bool grid_auto;                  /* the finest that the pictures hold; grid is 0 */
-    int basis;                       /* enum rec_basis, or -1 = as the rig says */
+    int32_t basis;                   /* enum rec_basis, or -1 = as the rig says */
     struct rec_sysmat_params matrix; /* 0 = auto */
     unsigned threads;                /* 0 = one per CPU */
 };
@@ -27,12 +27,12 @@ struct opt_rig {
         .basis = -1  \
     }
 
-extern const struct argp opt_rig_argp;
+const struct argp *opt_rig_argp(void);
 
 /* "64" or "64,48,96", 1 to REC_GRID_MAX each. */
 bool opt_rig_parse_grid(const char *s, int32_t n[3]);
 
-/* The finest grid that the pictures hold into rig->grid, over the box that is there.  PVX_EINVAL. */
+/* Set rig->grid.n to the finest grid that the pictures support, over the box of rig->grid.  PVX_EINVAL. */
 PVX_MUST_CHECK pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *rig,
                                       struct pvx_diag *d);
 

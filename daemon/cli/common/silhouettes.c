@@ -98,9 +98,10 @@ size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, size_t bins
     if (*said || (double)n < 0.9 * (double)bins)
         return n;
     *said = true;
-    fprintf(stderr,
-            "pyrovox: %.0f %% of the image of %s count as flame: is there a black level (--black "
-            "X, share of full scale) or a lit scene (--background DIR)?\n",
-            100 * (double)n / (double)bins, camera);
+    fprintf(
+        stderr,
+        "pyrovox: %.0f %% of the image of %s count as flame: does it have a black level (--black "
+        "X, share of full scale) or a lit scene (--background DIR)?\n",
+        100 * (double)n / (double)bins, camera);
     return n;
 }

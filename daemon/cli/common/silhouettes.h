@@ -1,5 +1,5 @@
-/* silhouettes.h - what the cameras of a recorded set see of the flame, without the set's matrix: the stages of a frame set
- * as far as the vote, on a grid as coarse as the vote's.  Threads: one. */
+/* silhouettes.h - silhouettes of recorded frame sets, without their system matrix.  The stages of a frame set run up to
+ * the vote of the cameras, on the coarse grid of the vote.  Threads: one. */
 #ifndef SILHOUETTES_H
 #define SILHOUETTES_H
 #include "daemon/cli/common/frames_in.h"
@@ -9,7 +9,7 @@ struct silhouettes {
     struct frames_in *in;
     rec_sysmat *S;
     rec_carver *carver;
-    rec_solver *solver; /* a slot wants one */
+    rec_solver *solver; /* a frame needs one */
     rec_frame *frame;
 
     /* of the set that was loaded last: */
@@ -27,10 +27,10 @@ PVX_MUST_CHECK pvx_err silhouettes_new(struct silhouettes *s, struct frames_in *
 void silhouettes_free(struct silhouettes *s);
 void silhouettes_load(struct silhouettes *s, size_t set);
 
-/* Everything is flame: the hull then drops only what no camera sees. */
+/* Count everything as flame.  The hull then drops only what no camera sees. */
 void silhouettes_without_hull(struct rec_frame_params *p);
 
-/* How many bins of an image are lit; a remark, once, when nearly all are: mostly a black level not given. */
+/* Number of lit bins of an image.  Warns once when nearly all are lit: most often the black level is missing. */
 size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said);
 
 #endif

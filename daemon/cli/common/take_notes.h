@@ -1,4 +1,4 @@
-/* take_notes.h - what a take is not as it was recorded, on stderr, a line each. */
+/* take_notes.h - print on stderr what is missing or damaged in a take, a line each. */
 #ifndef TAKE_NOTES_H
 #define TAKE_NOTES_H
 #include "capture/take/take.h"

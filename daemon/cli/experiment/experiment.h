@@ -66,7 +66,7 @@ const double *experiment_solver(const struct experiment *x, const char *name, en
                                 int32_t voxels);
 size_t experiment_solver_grids(const struct experiment *x, int32_t voxels[EXPERIMENT_GRIDS + 1]);
 
-/* Keep a unit that was just done, and say so. */
+/* Keep a unit that was just done, and show the progress. */
 PVX_MUST_CHECK pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
                                            struct pvx_diag *d);
 

@@ -111,8 +111,8 @@ static void findings_grids(const struct experiment *x, struct experiment_finding
         "it by %+.1f %%.%s",
         first, x->o->grids[0], end, x->o->grids[last], x->o->grids[last - 1],
         100 * (end / fmax(before, 1e-9) - 1),
-        end > SAME * first ? " Finer grids lose where cameras contradict each other: `pyrovox "
-                             "calibrate check` says which, `calibrate refine` mends poses."
+        end > SAME * first ? " Finer grids are worse if cameras contradict each other: `pyrovox "
+                             "calibrate check` names them, `calibrate refine` corrects poses."
                            : "");
     f->holds = falls;
 }
@@ -169,7 +169,7 @@ static double solver_error(const struct experiment *x, const double *v)
     return v != NULL ? experiment_over_channels(x, v) : NAN;
 }
 
-/* Who is better and faster than `own`, in any basis, on any grid; n: how many. */
+/* Solvers that are better and faster than `own`, in any basis, on any grid; n: how many. */
 static size_t ahead_of(const struct experiment *x, const double *own, char *list, size_t size)
 {
     int32_t voxels[EXPERIMENT_GRIDS + 1];
@@ -189,7 +189,7 @@ static size_t ahead_of(const struct experiment *x, const double *own, char *list
     return n;
 }
 
-/* The default against the paper's solver, and who is ahead of it in both error and time. */
+/* The default solver and the paper's, and the solvers that are ahead in both error and time. */
 static void solvers(const struct experiment *x, struct experiment_finding *f)
 {
     enum rec_basis basis = x->rig.grid.basis;

@@ -1,10 +1,10 @@
-/* lab.h - one matrix of all cameras, and what a camera that had no part in a volume sees of it.
+/* lab.h - one matrix of all cameras, and what a camera that had no part in a volume sees of that volume.
  *
  *     D_c = 255 mean over bins of | p_c - S_c x |                                                 (1)
  *
- * p: the picture, linear, 1 = full scale, without black level; x: the volume of the cameras used.  Once over the bins
- * in the model's silhouette (S_c x shows: 1/2 of 1/255 or more; paper 6.2), once also over those that only the
- * picture's silhouette has.  Bins that are saturated or no numbers are left out; dark ones are in neither.
+ * p: the picture, linear, 1 = full scale, without black level; x: the volume of the cameras used.  D_c is computed over
+ * the bins of the model's silhouette (S_c x is at least 1/2 of 1/255), as in section 6.2 of the method's paper, and again
+ * with the bins that only the picture's silhouette has.  Bins that are saturated or not finite are left out.
  * Threads: one call at a time, parallel inside.  Owner: caller. */
 #ifndef EXPERIMENT_LAB_H
 #define EXPERIMENT_LAB_H
@@ -56,7 +56,7 @@ PVX_MUST_CHECK pvx_err experiment_lab_open(struct experiment_lab *l,
                                            const struct experiment_lab_params *p,
                                            struct pvx_diag *d);
 void experiment_lab_close(struct experiment_lab *l);
-/* Solve as p->frame says from now on, on the matrix that is there; load again.  Errors: those of rec_frame_alone. */
+/* Use p->frame from now on, with the same matrix.  The set must be loaded again.  Errors: those of rec_frame_alone. */
 PVX_MUST_CHECK pvx_err experiment_lab_frame(struct experiment_lab *l,
                                             const struct experiment_lab_params *p,
                                             struct pvx_diag *d);

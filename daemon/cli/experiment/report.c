@@ -411,10 +411,11 @@ pvx_err experiment_pdf(const struct experiment *x)
         return PVX_ECANCELED;
     unlink(pdf); /* one of an earlier run would be of other figures */
     fprintf(stderr,
-            rc < 0 ? "pyrovox: no report.pdf: weasyprint is not there; `apt install weasyprint` "
-                     "and the same command makes it, or print %s from a browser\n"
-                   : "pyrovox: no report.pdf: weasyprint could not make it; print %s from a "
-                     "browser\n",
+            rc < 0
+                ? "pyrovox: no report.pdf: weasyprint is not installed; `apt install weasyprint` "
+                  "and run the same command again, or print %s from a browser\n"
+                : "pyrovox: no report.pdf: weasyprint could not make it; print %s from a "
+                  "browser\n",
             html);
     return PVX_OK;
 }

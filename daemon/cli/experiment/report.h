@@ -1,9 +1,9 @@
-/* report.h - DIR/report.html, one page that needs nothing beside it, and DIR/report.pdf of it. */
+/* report.h - DIR/report.html, one page that needs no other file, and DIR/report.pdf of it. */
 #ifndef EXPERIMENT_REPORT_H
 #define EXPERIMENT_REPORT_H
 #include "daemon/cli/experiment/experiment.h"
 
-/* What came of a figure: what the paper found, what is here; holds: 1 yes, 0 no, -1 there is nothing to measure. */
+/* A figure: what the paper found and what this recording shows; holds: 1 yes, 0 no, -1 nothing to measure. */
 struct experiment_finding {
     const char *figure, *paper;
     char here[700];
@@ -29,7 +29,7 @@ double experiment_over_channels(const struct experiment *x, const double *v);
 
 /* Errors: the files'. */
 PVX_MUST_CHECK pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d);
-/* By weasyprint; where it is not there or fails, that is said on stderr and there is no PDF.
+/* By weasyprint.  If it is missing or fails, that is printed on stderr and there is no PDF.
  * PVX_ECANCELED: stopped. */
 PVX_MUST_CHECK pvx_err experiment_pdf(const struct experiment *x);
 

@@ -1,8 +1,8 @@
-/* state.h - what an experiment has measured, kept as it is done: DIR/state/done.csv, a line a unit of work,
+/* state.h - the results of an experiment, kept as they are made: DIR/state/done.csv, a line for each unit of work,
  *
  *     KEY,v0,v1,...        "grid:64:000017"  "views:5:12"  "solver:pcg:box"                            (1)
  *
- * and DIR/state/arguments, what it was measured on.  A line that was not written to its end is forgotten.
+ * and DIR/state/arguments, the arguments of the run.  An incomplete last line is ignored.
  * Threads: one.  Owner: caller. */
 #ifndef EXPERIMENT_STATE_H
 #define EXPERIMENT_STATE_H
@@ -22,7 +22,7 @@ struct experiment_state {
     FILE *file;
 };
 
-/* Go on in `out`, made if it is not there.  PVX_EINVAL: it is of other arguments (anew: they are replaced). */
+/* Continue in `out`, which is made if it does not exist.  PVX_EINVAL: it has other arguments (anew: begin again). */
 PVX_MUST_CHECK pvx_err experiment_state_open(struct experiment_state *s, const char *out,
                                              const char *arguments, bool anew, struct pvx_diag *d);
 void experiment_state_close(struct experiment_state *s);

@@ -105,7 +105,7 @@ pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps, f
     if (f->path == NULL ||
         asprintf(&f->part, "%s.tmp.%ld%s", path, (long)getpid(), kind_of(path)->end) < 0)
         err = ENOMEM;
-    /* no pipe: send() can be told to raise no signal where nobody reads any more */
+    /* a socket, not a pipe: send() can avoid the signal when the reader has gone */
     else if (f->complain < 0 || socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, end) != 0)
         err = errno;
     else
@@ -121,7 +121,7 @@ pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps, f
     ffmpeg_drop(&f);
     if (err == ENOENT)
         return pvx_fail(d, PVX_ENOENT,
-                        "%s: videos are made by ffmpeg, which is not installed: apt install ffmpeg "
+                        "%s: ffmpeg makes videos and is not installed: apt install ffmpeg "
                         "(or name a folder, or an .apng)",
                         path);
     return pvx_fail(d, PVX_EIO, "%s: ffmpeg does not start: %s", path, strerror(err));

@@ -1,8 +1,8 @@
 /* ffmpeg.h - pictures into a video, by the program ffmpeg.
  *
- * It is a program and no library here, since its encoders are what users have and know; it reads raw pictures
- * from a socket and writes PATH.tmp.PID.EXT, which takes its name when all is in.  A terminal's Ctrl-C does not
- * reach it: what was added until then is a whole video once ffmpeg_end is called.
+ * The program is used instead of the library, because users have its encoders and know them.  It reads raw pictures
+ * from a socket and writes PATH.tmp.PID.EXT, which is renamed at the end.  Ctrl-C of a terminal does not reach it:
+ * ffmpeg_end then makes a whole video of the pictures so far.
  * Threads: one at a time. */
 #ifndef FFMPEG_H
 #define FFMPEG_H
@@ -15,12 +15,12 @@ typedef struct ffmpeg ffmpeg;
 /* Is that the name of a video: .mp4 .mov .mkv (H.264) or .webm (VP9)? */
 bool ffmpeg_can(const char *path);
 
-/* Pictures of w x h pixels, nch 1 or 3, 8 bits, fps a second.  Errors name the file; PVX_ENOENT: there is no
- * ffmpeg, and says its package.  Owner: caller, until ffmpeg_end or ffmpeg_drop. */
+/* Pictures of w x h pixels, nch 1 or 3, 8 bits, fps a second.  Errors name the file; PVX_ENOENT: ffmpeg is
+ * not installed, names the package.  Owner: caller, until ffmpeg_end or ffmpeg_drop. */
 PVX_MUST_CHECK pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
                                     ffmpeg **out, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err ffmpeg_add(ffmpeg *f, const uint8_t *samples, struct pvx_diag *d);
-/* Waits for it; frees also on error, and then leaves nothing. */
+/* Waits for its end.  Frees also on error, and then leaves no file. */
 PVX_MUST_CHECK pvx_err ffmpeg_end(ffmpeg **f, struct pvx_diag *d);
 void ffmpeg_drop(ffmpeg **f); /* without a file */
 

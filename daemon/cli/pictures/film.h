@@ -1,4 +1,4 @@
-/* film.h - pictures, one after the other, into one file: an animated PNG, or a video by ffmpeg. */
+/* film.h - pictures into one file: an animated PNG, or a video by ffmpeg. */
 #ifndef FILM_H
 #define FILM_H
 #include "daemon/cli/pictures/look.h"
@@ -17,7 +17,7 @@ PVX_MUST_CHECK pvx_err film_new(const char *path, int fps, const struct look *lo
  * PVX_EFORMAT: this one has not. */
 PVX_MUST_CHECK pvx_err film_add(struct film *f, const float *pix, int32_t w, int32_t h, int nch,
                                 struct pvx_diag *d);
-/* The file, whole, with what was added; none where nothing was.  Frees also on error. */
+/* Finish the file.  Without a picture there is no file.  Frees also on error. */
 PVX_MUST_CHECK pvx_err film_end(struct film **f, struct pvx_diag *d);
 void film_drop(struct film **f); /* without a file */
 

@@ -1,7 +1,7 @@
-/* hull_picture.h - the visual hull of a frame as a picture (paper Fig. 4): voxels inside red, partly
- * inside green, outside yellow, seen from two cameras and in three slices, and the silhouette of
- * every camera that they come from.
- * Threads: one picture at a time per object.  Used by: reconstruct.c. */
+/* hull_picture.h - the visual hull of a frame as a picture (Figure 4 of the method's paper).  Voxels inside are red,
+ * partly inside green, outside yellow.  They are shown from two cameras and in three slices, with the silhouette of
+ * every camera.
+ * Threads: one picture at a time per object. */
 #ifndef HULL_PICTURE_H
 #define HULL_PICTURE_H
 #include "recon/frame/frame.h"
@@ -13,7 +13,7 @@ PVX_MUST_CHECK pvx_err hull_picture_new(const rec_sysmat *S, const struct rec_ri
                                         uint32_t min_views, pvx_pool *pool, hull_picture **out);
 void hull_picture_free(hull_picture **h);
 
-/* Picture of a carved frame to a .png; present[c] as the frame was told.  Errors: the file's. */
+/* Picture of a carved frame to a .png; present[c]: the frame has a picture of camera c.  Errors: the file's. */
 PVX_MUST_CHECK pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *present,
                                          uint32_t number, const char *path, struct pvx_diag *d);
 

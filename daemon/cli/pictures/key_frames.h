@@ -1,16 +1,16 @@
-/* key_frames.h - a camera's way past a flame, from a file of key frames.
+/* key_frames.h - the path of a camera, from a file of key frames.
  *
  *     version: 1
  *     keys:
  *       - { t: 0, eye: [2, -1, 0.8] }                                  # seconds, metres
  *       - { t: 3, eye: [0, -2, 1.5], look_at: [0, 0, 0.4], fov: 25 }   # degrees, top to bottom
- *       - { t: 5, camera: cam3 }                                       # where that of the rig stands
+ *       - { t: 5, camera: cam3 }                                       # the place of a camera of the rig
  *
- * t rises; look_at, up and fov are those of the options where a key has none.  A rig's camera gives eye,
- * look_at (as deep as the middle of the volume), up and fov; its lens and the middle of its picture it does not.
- * Between keys eye, look_at, up and log fov are cubics through them, slopes those of the parabola through a
- * key and its neighbours (C. Bessel's; at the ends the chord's): no jump in speed, and in a straight line
- * at one speed where the keys are.
+ * t rises.  A key without look_at, up or fov has those of the options.  A camera of the rig gives eye, look_at (at
+ * the depth of the middle of the volume), up and fov, but not its lens or the centre of its picture.
+ * Between keys, eye, look_at, up and log fov are cubics through the keys.  Their slope at a key is that of the
+ * parabola through the key and its neighbours (Bessel), at the ends that of the chord.  So the speed does not jump,
+ * and keys on a straight line at one speed give a straight path at one speed.
  * Threads: pure after loading. */
 #ifndef KEY_FRAMES_H
 #define KEY_FRAMES_H

@@ -1,4 +1,4 @@
-/* look.h - from linear values to what a screen shows: exposure, tone curve, gamma.
+/* look.h - from linear values to display values: exposure, tone curve, gamma.
  *
  *     sample = (2^depth - 1) T(f v)^(1/gamma)                                                     (1)
  *     clip      T(v) = min(v, 1)
@@ -17,12 +17,12 @@
 
 enum look_tone { LOOK_CLIP, LOOK_REINHARD, LOOK_FILMIC };
 
-/* What a curve other than LOOK_CLIP has room for above 1: an automatic exposure of a flame alone is so much
- * longer. */
+/* The range above 1 that a curve other than LOOK_CLIP shows.  The automatic exposure of a flame alone is longer by
+ * this factor. */
 #define LOOK_HEADROOM 4.0
 
 struct look {
-    double exposure; /* f; 0 = automatic, for those who say so */
+    double exposure; /* f; 0 = automatic, where a function says so */
     double gamma;    /* 1: linear */
     enum look_tone tone;
     int depth; /* bits, 8 or 16 */

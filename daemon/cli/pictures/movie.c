@@ -119,7 +119,7 @@ static pvx_err exposure_of(struct movie *m, double *out)
  * turntable frames or a room is made for, the exposure of the brightest. */
 static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
 {
-    bool expose = m->o->png && m->look.exposure == 0;
+    bool expose = m->o->format != RENDER_NPY && m->look.exposure == 0;
     size_t k = m->n < SAMPLES ? m->n : SAMPLES;
     bool boxed = turntable(m) || m->o->room;
     for (size_t i = 0; i < k && (expose || boxed) && !cli_stop; i++) {
@@ -158,7 +158,7 @@ static pvx_err movie_place(struct movie *m, size_t i, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* The key frames, and each of their pictures once, so that nothing is drawn on a way that does not end well. */
+/* Read the key frames and try the camera of each picture, so that an error shows before anything is drawn. */
 static pvx_err read_path(struct movie *m, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
@@ -249,7 +249,7 @@ static pvx_err draw_picture(struct movie *m, size_t i)
         if (e != PVX_ERANGE)
             return e;
         fprintf(stderr,
-                "pyrovox: the rays of %zu view%s take over half of the memory: each picture "
+                "pyrovox: the rays of %zu view%s need more than half of the memory: each picture "
                 "is traced anew\n",
                 m->period, m->period == 1 ? "" : "s");
         free_views(m);
@@ -283,11 +283,11 @@ static pvx_err movie_save(struct movie *m, size_t i, struct pvx_diag *d)
     if (m->film != NULL)
         return film_add(m->film, m->image, m->at.width, m->at.height, m->nch, d);
     movie_name_of(m, i, stem, sizeof stem);
-    if (m->o->npy) {
+    if (m->o->format != RENDER_PNG) {
         snprintf(path, sizeof path, "%s.npy", stem);
         PVX_TRY(cap_image_save(path, m->image, m->at.width, m->at.height, m->nch, d));
     }
-    if (m->o->png) {
+    if (m->o->format != RENDER_NPY) {
         snprintf(path, sizeof path, "%s.png", stem);
         PVX_TRY(look_save(&m->look, path, m->image, m->at.width, m->at.height, m->nch, d));
     }
@@ -315,7 +315,7 @@ static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
 static void say_how_fast(const struct movie *m)
 {
     fprintf(stderr, "%zu picture%s in %s", m->drawn, m->drawn == 1 ? "" : "s", m->o->out);
-    if (m->o->png)
+    if (m->o->format != RENDER_NPY)
         fprintf(stderr, ", exposure %.4g", m->look.exposure);
     struct rec_view_stats all = {0};
     for (size_t i = 0; m->view != NULL && i < m->period; i++)

@@ -1,4 +1,4 @@
-/* movie.h - many pictures in a folder: volumes from one place, or a walk round one or several. */
+/* movie.h - many pictures, in a folder or a film: volumes from one place, or from a moving camera. */
 #ifndef RENDER_MOVIE_H
 #define RENDER_MOVIE_H
 #include <stddef.h>
@@ -6,9 +6,9 @@
 #include "daemon/cli/pictures/render_options.h"
 #include "recon/geom/rig.h"
 
-/* vol [n]: paths of the volumes in order.  rig: its box is that of volumes without description; camera
- * of the rig, or NULL where the viewpoint is not one.  Says at the end what a picture took.
- * Errors name the file; PVX_ECANCELED after Ctrl-C, what was written is complete. */
+/* vol [n]: paths of the volumes in order.  rig: its box is used for volumes without a .json.  camera: of
+ * the rig, or NULL for other viewpoints.  Prints the time per picture at the end.
+ * Errors name the file.  PVX_ECANCELED after Ctrl-C: what was written is complete. */
 PVX_MUST_CHECK pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
                                     const struct rec_camera *camera, char *const *vol, size_t n,
                                     pvx_pool *pool, struct pvx_diag *d);

@@ -31,8 +31,8 @@ struct render_options {
     int sub;                                  /* rays per pixel side */
     int fps;                                  /* of a film */
     struct look look;
-    bool png, npy; /* in a folder */
-    bool anew;     /* trace every picture's rays anew */
+    enum render_format { RENDER_PNG, RENDER_NPY, RENDER_BOTH } format; /* in a folder */
+    bool anew; /* trace every picture's rays anew */
     bool quiet;
     unsigned threads;
     char **source; /* volumes and folders of volumes */

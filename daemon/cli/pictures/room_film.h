@@ -1,5 +1,5 @@
-/* room_film.h - once round a flame in its virtual room, as one animated PNG (paper, Figure 9); views side by
- * side are dmn_strip_save with .room (strip.h).
+/* room_film.h - once round a flame in its virtual room, as one animated PNG (Figure 9 of the method's paper).
+ * For views side by side use dmn_strip_save with .room (strip.h).
  *
  *     struct dmn_room_film p = dmn_room_film_defaults;
  *     p.progress = cli_progress, p.ctx = &bar;                    // or leave it

@@ -43,8 +43,8 @@ PVX_MUST_CHECK pvx_err dmn_flame_exposure(const struct rec_grid *g, const float 
 PVX_MUST_CHECK pvx_err dmn_room_of(const struct rec_grid *g, const float *dense, int nch,
                                    pvx_pool *pool, rec_room **out);
 
-/* Exposure of a picture of it: 5 x that of the flame alone, as a photographer does who wants to see the
- * room too (a flame's height away, surfaces are a hundredth as bright as its core, which burns out). */
+/* Exposure of a picture of the room: 5 x that of the flame alone, so that the room is visible too.  At the distance of
+ * a flame's height, surfaces are a hundredth as bright as the core of the flame, which is overexposed. */
 PVX_MUST_CHECK pvx_err dmn_room_exposure(const struct rec_grid *g, const float *dense, int nch,
                                          pvx_pool *pool, double *out);
 

@@ -10,13 +10,12 @@ static void absorb_say(const struct rec_absorption *a)
     if (a->c > 0)
         fprintf(stderr,
                 "absorption: c %.3g, an optical depth of %.1f at the brightest pixel: %u of %u "
-                "pictures that were left out are met better, the error's square beyond noise is "
-                "%.0f %% less\n",
+                "left-out pictures improve, their squared error beyond noise falls by %.0f %%\n",
                 a->c, a->depth, a->better, a->views, 100 * a->gain);
     else
         fprintf(stderr,
-                "absorption: none; the best c, %.3g, would better %u of %u left-out pictures, the "
-                "error's square beyond noise by %.1f %%\n",
+                "absorption: none; the best c, %.3g, improves only %u of %u left-out pictures, the "
+                "squared error beyond noise by %.1f %%\n",
                 a->best, a->better, a->views, 100 * a->gain);
 }
 

@@ -1,5 +1,5 @@
-/* absorb.h - `pyrovox reconstruct --absorption auto`: c from the recording itself, before it is
- * reconstructed (recon/check/absorption.h), and a sentence about it. */
+/* absorb.h - `pyrovox reconstruct --absorption auto`: find c from the recording before it is
+ * reconstructed (recon/check/absorption.h), and print a line about it. */
 #ifndef RECONSTRUCT_ABSORB_H
 #define RECONSTRUCT_ABSORB_H
 #include "daemon/cli/reconstruct/options.h"

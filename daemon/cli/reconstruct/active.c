@@ -142,9 +142,9 @@ static pvx_err active_prepare(const struct reconstruct_options *o,
     if (room > 0 && need.most > room)
         return pvx_fail(
             d, PVX_ENOMEM,
-            "up to %.1f GB are needed, %.1f GB are there: fewer voxels (--grid), a "
+            "up to %.1f GB are needed, %.1f GB are free: fewer voxels (--grid), a "
             "tighter box (--fit-volume), larger bins (--binning) or fewer frame sets at "
-            "a time (--first, --last) need less; --memory GB is believed instead",
+            "a time (--first, --last) need less; --memory GB replaces this limit",
             need.most * 1e-9, room * 1e-9);
     return PVX_OK;
 }
@@ -185,11 +185,12 @@ bool reconstruct_say_cut(const struct rec_frame_report *r, unsigned long long se
 {
     if (r->hull.cut == 0)
         return false;
-    fprintf(stderr,
-            "pyrovox: frame %06llu: its hull may go on in %lld bricks of 4x4x4 voxels outside the "
-            "active part, where nothing was solved: other cameras were believed than when its "
-            "silhouettes were looked at; --trust-all believes all, --memory with more GB builds "
-            "the whole matrix\n",
-            set, (long long)r->hull.cut);
+    fprintf(
+        stderr,
+        "pyrovox: frame %06llu: its hull may continue in %lld bricks of 4x4x4 voxels outside the "
+        "active part, where nothing was solved: the vote trusted other cameras than in the first "
+        "look at the silhouettes; use --trust-all, or --memory with more GB for the whole "
+        "matrix\n",
+        set, (long long)r->hull.cut);
     return true;
 }

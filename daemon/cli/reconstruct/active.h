@@ -1,16 +1,16 @@
-/* active.h - the matrix of a reconstruction: whole and cached, or, where that would not fit into memory, of
- * the part of the grid where the flame is in these frame sets (recon/matrix/active.h). */
+/* active.h - the system matrix of a reconstruction.  It is whole and cached.  If that does not fit into memory, it
+ * has only the part of the grid where these frame sets have flame (recon/matrix/active.h). */
 #ifndef RECONSTRUCT_ACTIVE_H
 #define RECONSTRUCT_ACTIVE_H
 #include "daemon/cli/reconstruct/memory.h"
 
 struct silhouettes;
 
-/* Of the rows of bins, at least: what of a matrix is traced to know what it would take (rec_sysmat_estimate_active). */
+/* Least share of the rows of bins that is traced to estimate the size of a matrix (rec_sysmat_estimate_active). */
 #define RECONSTRUCT_SHARE 0.03
 
-/* The matrix that the sets of `in` are solved with; which part of it and what that takes is said on stderr.
- * Errors: as rec_sysmat_open; PVX_ENOMEM: even the part has no room, with what helps; PVX_ENOENT: no flame. */
+/* The matrix for the sets of `in`.  Prints on stderr which part of it is built and how much memory that takes.
+ * Errors: those of rec_sysmat_open; PVX_ENOMEM: even the part has no room (says what helps); PVX_ENOENT: no flame. */
 PVX_MUST_CHECK pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in *in,
                                           const struct rec_frame_params *p, pvx_pool *pool,
                                           const struct rec_rig *rig, rec_sysmat **out,
@@ -33,7 +33,7 @@ struct reconstruct_look {
 PVX_MUST_CHECK pvx_err reconstruct_mark(const struct reconstruct_look *l, rec_sysmat *outline,
                                         struct reconstruct_seen *out, struct pvx_diag *d);
 
-/* A set's hull leaves the part: says so.  Whether it does. */
+/* Warn if a set's hull reaches outside the part.  Returns whether it does. */
 bool reconstruct_say_cut(const struct rec_frame_report *r, unsigned long long set);
 
 #endif

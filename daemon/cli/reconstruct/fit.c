@@ -96,9 +96,9 @@ static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_l
                         "--threshold too high, or --black or --background brighter than the flame?",
                         sets, in->number[0], in->number[in->n - 1]);
     return pvx_fail(d, PVX_ENOENT,
-                    "--fit-volume: %zu of %u frame sets have light, but nowhere in the rig's box "
-                    "do the silhouettes of all cameras meet; is the calibration right (a larger "
-                    "--margin forgives an error), is the box where the flame is?",
+                    "--fit-volume: %zu of %u frame sets have light, but the silhouettes of all "
+                    "cameras meet nowhere in the rig's box; is the calibration right (a larger "
+                    "--margin allows for an error), is the box where the flame is?",
                     with_light, sets);
 }
 
@@ -124,8 +124,8 @@ static void advise_views(const rec_fit *fit, double margin, const struct rec_gri
         if (rec_fit_get(fit, m, margin, &b) == PVX_OK &&
             fit_share_of(b.min, b.max, whole) <= 1.1 * least) {
             fprintf(stderr,
-                    "note: parts of it are held open because few cameras see them; with "
-                    "--min-views %u (of %zu) it would be %.0f %% of the rig's box\n",
+                    "note: the box is larger because few cameras see some parts of it; with "
+                    "--min-views %u (of %zu) it is %.0f %% of the rig's box\n",
                     m, cameras, 100 * fit_share_of(b.min, b.max, whole));
             return;
         }
@@ -148,7 +148,7 @@ static void fit_describe(const struct rec_grid *whole, const struct rec_grid *g,
                      list[0] != '\0' ? ", " : "", side[i]);
     if (list[0] != '\0')
         fprintf(stderr,
-                "note: the flame reaches the side of the rig's box at %s; if it goes on outside, "
+                "note: the flame reaches the side of the rig's box at %s; if it continues outside, "
                 "enlarge `volume` in the rig\n",
                 list);
 }

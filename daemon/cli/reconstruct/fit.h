@@ -1,13 +1,12 @@
-/* fit.h - `pyrovox reconstruct --fit-volume`: the box that the flame of a recording fills. */
+/* fit.h - `pyrovox reconstruct --fit-volume`: the tightest box around the flame of a recording. */
 #ifndef RECONSTRUCT_FIT_H
 #define RECONSTRUCT_FIT_H
 #include "daemon/cli/common/frames_in.h"
 #include "daemon/cli/reconstruct/options.h"
 #include "recon/carve/fit.h"
 
-/* Look at the recording, say on stderr what was found, put the grid to use into rig->grid (the --grid
- * of the options counts for the fitted box) and write --save-rig.
- * Errors: PVX_ENOENT: no flame, or one that the cameras do not agree on; PVX_ECANCELED; files'. */
+/* Find the box, print it on stderr, set rig->grid (--grid then applies to the fitted box) and write --save-rig.
+ * Errors: PVX_ENOENT: no flame, or the cameras do not agree on it; PVX_ECANCELED; those of the files. */
 PVX_MUST_CHECK pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *in,
                                        const struct rec_frame_params *p, pvx_pool *pool,
                                        struct rec_rig *rig, struct pvx_diag *d);

@@ -54,13 +54,13 @@ void reconstruct_hints_say(const struct reconstruct_hints *h, const struct recon
         return;
     if (h->dark > 0)
         fprintf(stderr,
-                "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "
-                "empty; allow more than --deadline %g, or make less of it (--grid, --binning)\n",
+                "pyrovox: %u of %u volumes are empty, because not one iteration was done by the "
+                "deadline; allow more than --deadline %g, or reduce the work (--grid, --binning)\n",
                 h->dark, h->volumes, o->deadline_ms);
     else if (h->empty == h->volumes)
         fprintf(stderr,
-                "pyrovox: no volume of %u has any light: are the pictures as dark as that? "
-                "--threshold, --black and --background say what counts as flame\n",
+                "pyrovox: no volume of %u has any light: are the pictures so dark? "
+                "--threshold, --black and --background decide what counts as flame\n",
                 h->volumes);
     if (h->cut > 0)
         fprintf(stderr,

@@ -1,5 +1,5 @@
-/* hints.h - what is odd about a recording's volumes, told once at its end, with the remedy: all of them empty,
- * stopped before they began, cut at the sides of a fitted box. */
+/* hints.h - warnings about the volumes of a recording, printed once at its end with the remedy: all volumes are empty,
+ * the deadline allowed no iteration, or the flame reaches the sides of a fitted box. */
 #ifndef RECONSTRUCT_HINTS_H
 #define RECONSTRUCT_HINTS_H
 #include "daemon/cli/reconstruct/options.h"
@@ -11,7 +11,7 @@ struct reconstruct_hints {
     unsigned cut;   /* flame at a side of the fitted box */
 };
 
-/* One volume more; `whole`: the box that one was fitted in, or NULL. */
+/* Count a volume.  whole: the rig's box if the volume was fitted, or NULL. */
 void reconstruct_hints_add(struct reconstruct_hints *h, const struct rec_frame_report *r,
                            const struct rec_sparse *v, const struct rec_grid *whole);
 /* On stderr. */

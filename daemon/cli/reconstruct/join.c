@@ -99,10 +99,10 @@ static void say_part(unsigned i, const struct part_status *s, double off)
         printf(", process %lld", (long long)s->pid);
     printf("%s%s\n", s->error[0] != '\0' ? ": " : "", s->error);
     if (off > SEAM_WRONG)
-        printf(
-            "       its beginning and the end of part %u differ by %.1f %%: motion there is lost "
-            "between them; make fewer parts\n",
-            i - 1, 100 * off);
+        printf("       its beginning and the end of part %u differ by %.1f %%: the motion between "
+               "them "
+               "is lost; use fewer parts\n",
+               i - 1, 100 * off);
 }
 
 /* What the table comes to. */
@@ -130,7 +130,7 @@ static void join_count(struct sum *sum, const struct part_status *s, double off)
         sum->by[k] |= strstr(s->kernels, pvx_cpu_name((enum pvx_cpu)k)) != NULL;
 }
 
-/* A line for each that is not as it should be; where there are few, for all. */
+/* A line for each part that is not done; if there are few parts, for all. */
 static void join_table(const struct parts_job *j, struct sum *sum)
 {
     struct part_status s;
@@ -145,7 +145,7 @@ static void join_table(const struct parts_job *j, struct sum *sum)
     }
 }
 
-/* By durations alone: clocks of two nodes may differ. */
+/* From durations alone, because the clocks of two nodes may differ. */
 static void say_end(const struct sum *sum)
 {
     char in[32];
@@ -202,7 +202,8 @@ int reconstruct_join(const char *out)
     size_t missing = 0;
     pvx_err e = parts_load(out, &j, &d);
     if (e == PVX_ENOENT && access(out, F_OK) == 0)
-        snprintf(d.text, sizeof d.text, "%s: was not made in parts, there is nothing to join", out);
+        snprintf(d.text, sizeof d.text, "%s: was not made in parts, so there is nothing to join",
+                 out);
     if (e != PVX_OK)
         return cli_error(&d, e);
     join_table(&j, &sum);
@@ -218,9 +219,10 @@ int reconstruct_join(const char *out)
         printf("\n");
     }
     if (e == PVX_OK && missing > 0)
-        printf("missing: %zu sets, which read as not solved.  What died or failed is done again by "
-               "--resume\n",
-               missing);
+        printf(
+            "missing: %zu sets, which read as not solved.  --resume solves parts again that died "
+            "or failed\n",
+            missing);
     parts_free(&j);
     return e != PVX_OK ? cli_error(&d, e) : missing > 0;
 }

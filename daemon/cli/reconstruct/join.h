@@ -1,15 +1,15 @@
-/* join.h - the parts of a recording, joined into OUT and told about. */
+/* join.h - join the parts of a recording into OUT, and print their progress. */
 #ifndef RECONSTRUCT_JOIN_H
 #define RECONSTRUCT_JOIN_H
 #include <stdbool.h>
 #include "base/err.h"
 
-/* Joins what is done, and prints a table of the parts, what is missing, when those that run will have done it, and how far
- * volumes of two parts that lean on their neighbours differ at the seams.  Exit code: 0 nothing is missing, 1 something is, or
- * it failed (printed). */
+/* Joins the parts that are done.  Prints a table of the parts, the missing sets, the time that running parts still need,
+ * and how far volumes of two parts differ where they meet (--start warm, --temporal).  Exit code: 0 nothing is missing,
+ * 1 sets are missing or it failed (printed). */
 int reconstruct_join(const char *out);
-/* Parts of it were begun. */
+/* Whether parts of it were begun. */
 bool reconstruct_join_has_job(const char *out);
-/* All parts are done; looks at those after part i first: of an array's tasks they end last. */
+/* Whether all parts are done.  Looks first at those after part i, which end last in a job array. */
 bool reconstruct_join_is_due(const char *out, unsigned i);
 #endif

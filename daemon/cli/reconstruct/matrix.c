@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/common/opt_rig.h"
 
@@ -11,12 +12,12 @@ struct options {
     const char *out, *check;
 };
 
-enum { OPT_OUT = 0x600, OPT_CHECK };
-
-static const struct argp_option options[] = {
-    {"out", OPT_OUT, "FILE", 0,
-     "write the matrix here instead of the cache; used as it is when it already fits", 2},
-    {"check", OPT_CHECK, "FILE", 0, "verify a matrix file: sizes, checksums, every index", 2},
+static const struct cli_row rows[] = {
+    {.help = "Files:"},
+    {"out", "FILE", CLI_AT(struct options, out), 0, 0,
+     "write the matrix to FILE instead of the cache; a FILE that already fits is used as it is"},
+    {"check", "FILE", CLI_AT(struct options, check), 0, 0,
+     "verify a matrix file: sizes, checksums, every index"},
     {0},
 };
 
@@ -25,29 +26,24 @@ static error_t matrix_parse(int key, char *arg, struct argp_state *state)
     struct options *o = state->input;
     switch (key) {
     case ARGP_KEY_INIT: state->child_inputs[0] = &o->rig; return 0;
-    case OPT_OUT: o->out = arg; return 0;
-    case OPT_CHECK: o->check = arg; return 0;
     case ARGP_KEY_ARG:
         argp_error(state, "'%s' is not an option; a rig is given by --rig %s", arg, arg);
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, state, o);
     }
 }
 
 static const char doc[] =
-    "Build the system matrix of a rig, or verify one.\n\n"
-    "The matrix says how much every voxel adds to every pixel.  It depends on the rig alone, so it "
-    "is built once and cached, in $PYROVOX_CACHE, else $XDG_CACHE_HOME/pyrovox, else "
-    "~/.cache/pyrovox; every other command finds it there.  Building it beforehand shows its size "
-    "and time.\vExamples:\n"
-    "  pyrovox matrix --rig rig.yaml\n"
+    "Build the system matrix of a rig, or verify one, for example\n\n"
+    "  pyrovox matrix --rig rig.yaml\n\n"
+    "The matrix contains how much every voxel adds to every pixel. It depends on the rig alone, so "
+    "it is built once and cached. This command shows its size and the time to build it.\v"
+    "The cache is $PYROVOX_CACHE, or else $XDG_CACHE_HOME/pyrovox, or else ~/.cache/pyrovox. All "
+    "other commands find the matrix there.\n\n"
+    "Examples:\n"
     "  pyrovox matrix --rig rig.yaml --grid 128 --basis trilinear --binning 2\n"
     "  pyrovox matrix --rig rig.yaml --cameras cam0,cam3 --out two.pvxm\n"
     "  pyrovox matrix --check two.pvxm\n";
-
-static const struct argp_child children[] = {{&opt_rig_argp, 0, NULL, 0}, {0}};
-static const struct argp argp = {
-    .options = options, .parser = matrix_parse, .doc = doc, .children = children};
 
 static double bytes_of_level(const rec_sysmat *m)
 {
@@ -213,6 +209,12 @@ static int run_with(const struct options *o, pvx_pool *pool)
 static int matrix_run(int argc, char **argv)
 {
     struct options o = {.rig = OPT_RIG_INIT};
+    struct argp_option options[sizeof rows / sizeof *rows];
+    const struct argp_child children[] = {{opt_rig_argp(), 0, NULL, 0}, {0}};
+    const struct argp argp = {.options = cli_rows(rows, options),
+                              .parser = matrix_parse,
+                              .doc = doc,
+                              .children = children};
     pvx_pool *pool;
     argp_parse(&argp, argc, argv, 0, NULL, &o);
     pvx_err e = pvx_pool_new(o.rig.threads, "matrix", &pool);

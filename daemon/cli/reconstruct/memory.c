@@ -97,7 +97,7 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
         out->sets += 2 * voxels * lane;
     if (o->save_hull != NULL)
         out->sets += voxels * 17 + bins * 5;
-    out->volume = voxels * p->nch * sizeof(float) * (o->both ? 2 : 1);
+    out->volume = voxels * p->nch * sizeof(float);
     double run = out->matrix + out->sets + out->volume;
     out->most = out->base + fmax(out->look, fmax(out->build, run));
 }

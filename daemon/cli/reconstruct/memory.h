@@ -1,12 +1,12 @@
-/* memory.h - what a reconstruction of the active part of a grid may take, computed before it is taken, and
- * what there is.  Bytes. */
+/* memory.h - the memory that a reconstruction of the active part of a grid needs at most, computed beforehand, and the
+ * memory that is free.  Bytes. */
 #ifndef RECONSTRUCT_MEMORY_H
 #define RECONSTRUCT_MEMORY_H
 #include "daemon/cli/reconstruct/options.h"
 #include "recon/matrix/active.h"
 #include "recon/matrix/subsys.h"
 
-/* What silhouettes said of the sets that were looked at. */
+/* What the silhouettes of some sets showed. */
 struct reconstruct_seen {
     size_t sets;
     double seconds;     /* all of them took */
@@ -37,8 +37,8 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
 /* The whole matrix while it is built, about: 2x2 or 3x4 windows and 5.4 entries a voxel and camera (NUMERICS.md, 16). */
 double reconstruct_whole(const struct rec_rig *rig, const struct rec_sysmat_params *resolved);
 
-/* What this process may plan with: four fifths of MemAvailable, or of what its cgroup leaves it: others run as well, and
- * files want to be cached. */
+/* Four fifths of MemAvailable, or of what the cgroup of this process leaves.  The rest is for other processes and for
+ * cached files. */
 double reconstruct_room(void);
 
 #endif

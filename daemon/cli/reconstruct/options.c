@@ -10,249 +10,111 @@
 #include "daemon/volumes/volumes.h"
 
 enum {
-    OPT_FRAMES = 0x100,
-    OPT_OUT,
-    OPT_REPORT,
-    OPT_SOLVER,
+    OPT_SOLVER = 0x100,
     OPT_ITER,
     OPT_STOP,
-    OPT_LAMBDA,
-    OPT_TOLERANCE,
-    OPT_DEADLINE,
-    OPT_FIRST,
-    OPT_LAST,
-    OPT_THRESHOLD,
-    OPT_MARGIN,
-    OPT_BLACK,
-    OPT_MIN_VIEWS,
-    OPT_HULL_RULE,
-    OPT_STRICT,
-    OPT_NO_HULL,
-    OPT_TRUST_ALL,
     OPT_ABSORPTION,
-    OPT_SATURATED,
-    OPT_TEMPORAL,
-    OPT_SAVE_HULL,
-    OPT_BACKGROUND,
-    OPT_GREY,
-    OPT_FORMAT,
-    OPT_TRANSFER,
-    OPT_BAYER,
-    OPT_START,
-    OPT_WARM,
-    OPT_CACHE,
-    OPT_QUIET,
-    OPT_FIT,
-    OPT_FIT_FRAMES,
-    OPT_SAVE_RIG,
     OPT_MEMORY,
     OPT_PLAN,
-    OPT_ARRAY,
-    OPT_RESUME,
-    OPT_JOIN,
-    OPT_SLURM,
-    OPT_SBATCH
+    OPT_FIT,
+    OPT_ARRAY
 };
 
-static const struct argp_option option_table[] = {
-    {"frames", OPT_FRAMES, "DIR|TAKE.h5", 0,
-     "DIR/<camera>/<6 digits>.(npy|png|tif), or a take of raw frames, FILE.h5", 0},
-    {"out", OPT_OUT, "DIR|FILE.h5", 0,
-     "volumes go to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file", 0},
-    {"save-report", OPT_REPORT, "FILE", 0, "solver and hull report of every frame as JSON", 0},
-    {"first", OPT_FIRST, "N", 0, "first frame number", 0},
-    {"last", OPT_LAST, "N", 0, "last frame number", 0},
-    {"grey", OPT_GREY, NULL, 0, "solve one channel (colour images: their mean)", 0},
-    {"pixel-format", OPT_FORMAT, "NAME", 0,
-     "what grey images are: BayerRG8 for raw pictures of a colour camera, Mono12 for 12 bits in 16 "
-     "...",
-     0},
-    {"bayer", OPT_BAYER, "auto|rays|demosaic", 0,
-     "Bayer pixels at binning 1: each a ray of its own colour (rays; auto, where the solver can), "
-     "or with the missing colours interpolated",
-     0},
-    {"transfer", OPT_TRANSFER, "auto|linear|srgb|bt709", 0,
-     "how samples stand for light (auto: JPEG files srgb, all others linear)", 0},
-    {"matrix-cache", OPT_CACHE, "FILE", 0, "where the system matrix is kept (default: user cache)",
-     0},
-    {"memory", OPT_MEMORY, "GB", 0,
-     "memory to use (default: four fifths of what is free). Where the whole system matrix would "
-     "take "
-     "more, only its part where the frame sets have flame is built, found from their silhouettes: "
-     "the same volumes, but nothing is cached. 0: only that part, however much it takes",
-     0},
-    {"plan", OPT_PLAN, "HOURS", OPTION_ARG_OPTIONAL,
-     "reconstruct nothing, but say what it would take: time, memory and disk, stage by stage, from "
-     "about a minute of it; and how many machines like this one would be done in HOURS",
-     0},
-    {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
-    {NULL, 0, NULL, 0, "Volume fitted to the flame:", 2},
-    {"fit-volume", OPT_FIT, "MARGIN", OPTION_ARG_OPTIONAL,
-     "reconstruct in the tightest box around the flame of the whole recording, found from the "
-     "silhouettes, plus MARGIN metres on every side (default: about 1/48 of the rig's box). Voxels "
-     "keep the rig's size; --grid N puts N along the longest side instead, --grid auto "
-     "the finest that the pictures hold",
-     2},
-    {"fit-frames", OPT_FIT_FRAMES, "N|all", 0,
-     "frame sets to look at for it, evenly spread (default 50)", 2},
-    {"save-rig", OPT_SAVE_RIG, "FILE", 0,
-     "write the rig with the fitted volume, for the daemon; without --out that is all", 2},
-    {NULL, 0, NULL, 0, "Solver:", 3},
-    {"solver", OPT_SOLVER, "NAME", 0, "one of", 3},
-    {"iterations", OPT_ITER, "N", 0, "at most N; without --stop exactly the budget", 3},
-    {"stop", OPT_STOP, "RULE", 0,
-     "auto (default: pcg, when an iteration gains next to nothing; the others, when the residual "
-     "is down to the noise), lcurve (corner of the L-curve), discrepancy (residual down to the "
-     "noise, which is measured beside the flame) or iterations (the budget, no less)",
-     3},
-    {"tolerance", OPT_TOLERANCE, "X", 0,
-     "--stop auto of pcg: the share by which an iteration must move the volume, or half of it the "
-     "objective (default 0.006)",
-     3},
-    {"deadline", OPT_DEADLINE, "MS", 0,
-     "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},
-    {"start", OPT_START, "cold|warm", 0,
-     "by itself (default) or from the frame before, where that fits better than what coarser grids "
-     "give; the report says which it was",
-     3},
-    {"lambda", OPT_LAMBDA, "X", 0, "weight of the smoothness term (default: from the pictures)", 3},
-    {"temporal", OPT_TEMPORAL, "before|both", OPTION_ARG_OPTIONAL,
-     "expect what the frame before (default) says, moved along the flame's motion, as far as the "
-     "pictures bear it out: for noisy pictures (5 %) of a flame that moves slowly; off after a "
-     "jump. "
-     "both: then once more from the last frame to the first, and the mean of the two, in twice the "
-     "time. Only pcg does",
-     3},
-    {NULL, 0, NULL, 0, "Silhouettes and hull:", 4},
-    {"threshold", OPT_THRESHOLD, "X|auto", 0, "flame is >= X of full scale (auto: from the noise)",
-     4},
-    {"black", OPT_BLACK, "X", 0, "black level, share of full scale (default 0)", 4},
-    {"background", OPT_BACKGROUND, "DIR", 0,
-     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame", 4},
-    {"margin", OPT_MARGIN, "N", 0,
-     "grow silhouettes by N bins (default 0). Raise it by the calibration error in bins: too small "
-     "cuts the flame's rim off, too large costs time and lets light leak outwards",
-     4},
-    {"min-views", OPT_MIN_VIEWS, "N", 0,
-     "cameras that must see a voxel (default 2). Fewer: 1 keeps what one camera alone sees, of "
-     "unknown depth; more: parts of the box that few cameras see stay empty",
-     4},
-    {"hull-rule", OPT_HULL_RULE, "RULE", 0,
-     "conservative (default): keep voxels that are partly inside the silhouettes, no flame is "
-     "lost; inside: only those wholly inside in every camera: fewer voxels, faster, but the flame "
-     "loses a rim of about a voxel and thin parts altogether",
-     4},
-    {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 4},
-    {"trust-all", OPT_TRUST_ALL, NULL, 0,
-     "for comparison: believe every camera. Without it, and with four cameras or more, one that "
-     "contradicts the others is left out of the frame, named, and listed in the report (out)",
-     4},
-    {"save-hull", OPT_SAVE_HULL, "DIR", 0,
-     "a picture of each frame's hull, DIR/<6 digits>.png: voxels inside (red), partly inside "
-     "(green), outside (yellow), and the silhouettes they come from",
-     4},
-    {NULL, 0, NULL, 0, "Model:", 5},
-    {"absorption", OPT_ABSORPTION, "off|auto|C", 0,
-     "soot absorbs what burns behind it: kappa = C times the emission, in pixel values of full "
-     "scale "
-     "1. auto: the C that shows left-out cameras best, off where that is no gain; it is said, for "
-     "`model.absorption` of the daemon. Default off",
-     5},
-    {"saturated", OPT_SATURATED, "left-out|at-least", 0,
-     "what a saturated pixel says: nothing (default), or that it is at least as bright as that, "
-     "which "
-     "only the solver pcg knows how to use",
-     5},
-    {NULL, 0, NULL, 0, "On several machines (--out FILE.h5):", 6},
-    {"array", OPT_ARRAY, "I/N", 0,
-     "solve part I, from 1, of N runs of the recording's sets, into FILE.h5.parts; whoever ends "
-     "last joins "
-     "them into FILE.h5. For job arrays of any scheduler: --array $TASK/100",
-     6},
-    {"resume", OPT_RESUME, NULL, 0,
-     "go on with a part that died, failed or was stopped; one that is done is left alone", 6},
-    {"join", OPT_JOIN, NULL, 0,
-     "with --out alone: show how far the parts are, and join those that are done", 6},
-    {"slurm", OPT_SLURM, "N", 0,
-     "hand N parts to Slurm as a job array, and a job that joins them; with --resume only what is "
-     "not "
-     "done",
-     6},
-    {"sbatch", OPT_SBATCH, "OPTIONS", 0,
-     "more for sbatch, split as a shell does: --sbatch '--partition=long --cpus-per-task=16'. For "
-     "the parts; the job that joins them is given the same, but one processor",
-     6},
-    /* earlier names */
-    {"strict-hull", OPT_STRICT, NULL, OPTION_HIDDEN, NULL, 4},
-    {"warm-start", OPT_WARM, NULL, OPTION_HIDDEN, NULL, 3},
-    {"deadline-ms", OPT_DEADLINE, "MS", OPTION_HIDDEN, NULL, 3},
+#define AT(field) CLI_AT(struct reconstruct_options, field)
+#define STOPS     "auto|lcurve|discrepancy|iterations"
+
+static const struct cli_row rows[] = {
+    {"frames", "DIR|TAKE.h5", AT(frames), 0, 0,
+     "the recording: DIR/<camera>/<6 digits>.(npy|png|tif|jpg), or a take of raw frames"},
+    {"out", "DIR|FILE.h5", AT(out), 0, 0,
+     "write volumes to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file"},
+    {"save-report", "FILE", AT(report), 0, 0, "write the report of every frame as JSON"},
+    {"grey", NULL, AT(grey), 0, 0, "solve one channel (colour images: the mean of the three)"},
+    {"bayer", "auto|rays|demosaic", AT(bayer), 0, 0,
+     "Bayer pixels at binning 1. rays: each pixel is a ray of its own colour. demosaic: missing "
+     "colours are interpolated. auto (default): rays where the solver can"},
+    {"matrix-cache", "FILE", AT(cache), 0, 0,
+     "keep the system matrix in FILE (default: in the user's cache)"},
+    {"memory", "GB", CLI_KEY(OPT_MEMORY), 0, 0,
+     "memory to use (default: four fifths of what is free). If the whole system matrix needs more, "
+     "only the part where the frame sets have flame is built. The volumes are the same, but "
+     "nothing is cached. 0: always only that part, without a limit"},
+    {"plan", "=HOURS", CLI_KEY(OPT_PLAN), 0, 0,
+     "reconstruct nothing. Measure about a minute of the work and print the time, memory and disk "
+     "that all of it takes; with HOURS also how many machines like this one finish in that time"},
+    FRAMES_IN_ROWS(struct reconstruct_options),
+    {.help = "Volume fitted to the flame:"},
+    {"fit-volume", "=MARGIN", CLI_KEY(OPT_FIT), 0, 0,
+     "reconstruct in the tightest box around the flame of the whole recording, plus MARGIN metres "
+     "on every side (default: about 1/48 of the rig's box). The box comes from the silhouettes. "
+     "Voxels keep the rig's size; --grid N puts N along the longest side instead, --grid auto the "
+     "finest grid that the pictures support"},
+    {"fit-frames", "N|all", AT(fit_frames), 1, 999999,
+     "find the box from N frame sets, evenly spread (default 50)"},
+    {"save-rig", "FILE", AT(save_rig), 0, 0,
+     "write the rig with the fitted volume, for the daemon; without --out do only that"},
+    {.help = "Solver:"},
+    {"solver", "NAME", CLI_KEY(OPT_SOLVER), 0, 0, "one of"},
+    {"iterations", "N", CLI_KEY(OPT_ITER), 0, 0, "at most N iterations; without --stop exactly N"},
+    {"stop", STOPS, CLI_KEY(OPT_STOP), 0, 0,
+     "auto (default): pcg stops when an iteration gains next to nothing, the others when the "
+     "residual is down to the noise. lcurve: at the corner of the L-curve. discrepancy: when the "
+     "residual is down to the noise, which is measured beside the flame. iterations: after "
+     "--iterations, not earlier"},
+    {"deadline", "MS", AT(deadline_ms), 0.01, 1e9,
+     "stop after MS milliseconds of solving and keep the best iterate so far"},
+    {"start", "cold|warm", AT(warm), 0, 0,
+     "cold (default): each frame by itself. warm: from the frame before, where that fits better "
+     "than the solution of the coarser grids; the report says which start was used"},
+    {"lambda", "X", AT(frame.solve.lambda), 0, 1e6,
+     "weight of the smoothness term (default: from the pictures)"},
+    {"temporal", NULL, AT(frame.temporal), 0, 0,
+     "expect the volume of the frame before, moved along the motion of the flame, as far as the "
+     "pictures agree with it. For noisy pictures (5 %) of a slow flame. Only pcg can do it"},
+    {.help = "Silhouettes and hull:"},
+    FRAMES_IN_PHOTO_ROWS(struct reconstruct_options),
+    {"background", "DIR", AT(background), 0, 0,
+     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame"},
+    {"min-views", "N", AT(frame.hull.min_views), 1, REC_MAX_CAMERAS,
+     "number of cameras that must see a voxel (default 2). 1 keeps light that only one camera "
+     "sees, at an unknown depth. A larger number leaves the parts of the box empty that few "
+     "cameras see"},
+    {"hull-rule", "inside|conservative", AT(frame.hull.keep_partial), 0, 0,
+     "conservative (default): keep voxels that are partly inside the silhouettes, so no flame is "
+     "lost. inside: keep only voxels that are wholly inside in every camera; this is faster, but "
+     "the flame loses a rim of about a voxel and its thin parts"},
+    {"no-hull", NULL, AT(no_hull), 0, 0, "for comparison: solve for every voxel that is seen"},
+    {"trust-all", NULL, AT(frame.trust_all), 0, 0,
+     "for comparison: use every camera. Otherwise, with four cameras or more, a camera that "
+     "contradicts the others is left out of the frame, and the report lists it (out)"},
+    {"save-hull", "DIR", AT(save_hull), 0, 0,
+     "write a picture of each frame's hull, DIR/<6 digits>.png: voxels inside (red), partly inside "
+     "(green), outside (yellow), and the silhouettes"},
+    {.help = "Model:"},
+    {"absorption", "off|auto|C", CLI_KEY(OPT_ABSORPTION), 0, 0,
+     "the flame absorbs its own light: kappa = C times the emission, in pixel values of full scale "
+     "1 (default off). auto: find the C that predicts left-out cameras best, or off where none is "
+     "better; the value is printed, for `model.absorption` of the daemon"},
+    {"saturated", "left-out|at-least", AT(frame.at_least), 0, 0,
+     "a saturated pixel is not used (left-out, default), or means that there is at least as much "
+     "light (at-least; only pcg can do it)"},
+    {.help = "On several machines (--out FILE.h5):"},
+    {"array", "I/N", CLI_KEY(OPT_ARRAY), 0, 0,
+     "solve part I, from 1, of N parts of the recording into FILE.h5.parts. The process that ends "
+     "last joins all parts into FILE.h5. For job arrays of any scheduler: --array $TASK/100"},
+    {"resume", NULL, AT(resume), 0, 0,
+     "continue a part that died, failed or was stopped; a part that is done stays as it is"},
+    {"join", NULL, AT(join), 0, 0,
+     "with --out alone: print how far the parts are, and join those that are done"},
+    {"slurm", "N", AT(slurm), 1, PARTS_MAX,
+     "submit N parts to Slurm as a job array, and a job that joins them; with --resume only the "
+     "parts that are not done"},
+    {"sbatch", "OPTIONS", AT(sbatch), 0, 0,
+     "more options for sbatch, split as a shell splits them: --sbatch '--partition=long "
+     "--cpus-per-task=16'. They are for the parts; the job that joins has the same, but one "
+     "processor"},
     {0},
 };
-
-/* Place of `arg` in a NULL-terminated list of names. */
-
-static error_t parse_rest(int key, char *arg, struct argp_state *st)
-{
-    static const char *const stops[] = {"auto", "lcurve", "discrepancy", "iterations", NULL};
-    static const enum rec_stop stop[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
-                                         REC_STOP_ITERATIONS};
-    static const char *const starts[] = {"cold", "warm", NULL};
-    static const char *const temporal[] = {"before", "both", NULL};
-    static const char *const saturated[] = {"left-out", "at-least", NULL};
-    static const char *const rules[] = {"inside", "conservative", NULL};
-    struct reconstruct_options *o = st->input;
-    struct rec_solve_params *solve = &o->frame.solve;
-    struct rec_photo_params *photo = &o->frame.photo;
-    struct rec_hull_params *hull = &o->frame.hull;
-    switch (key) {
-    case OPT_SOLVER:
-        solve->solver = rec_solver_names()[cli_arg_choice(st, "solver", arg, rec_solver_names())];
-        return 0;
-    case OPT_ITER:
-        solve->iterations = (uint32_t)cli_arg_whole(st, "iterations", arg, 1, 1000000);
-        if (!o->stop_said)
-            solve->stop = REC_STOP_ITERATIONS;
-        return 0;
-    case OPT_STOP:
-        solve->stop = stop[cli_arg_choice(st, "stop", arg, stops)];
-        o->stop_said = true;
-        return 0;
-    case OPT_LAMBDA: solve->lambda = (float)cli_arg_double(st, "lambda", arg, 0, 1e6); return 0;
-    case OPT_TOLERANCE:
-        solve->tolerance = (float)cli_arg_double(st, "tolerance", arg, 0, 1);
-        return 0;
-    case OPT_DEADLINE: o->deadline_ms = cli_arg_double(st, "deadline", arg, 0.01, 1e9); return 0;
-    case OPT_START: o->warm = cli_arg_choice(st, "start", arg, starts) == 1; return 0;
-    case OPT_WARM: o->warm = true; return 0;
-    case OPT_THRESHOLD:
-        photo->threshold =
-            strcmp(arg, "auto") == 0 ? -1 : (float)cli_arg_double(st, "threshold", arg, 0, 1e6);
-        return 0;
-    case OPT_BLACK: photo->black = (float)cli_arg_double(st, "black", arg, 0, 1); return 0;
-    case OPT_MARGIN: photo->margin = (int32_t)cli_arg_whole(st, "margin", arg, 0, 64); return 0;
-    case OPT_MIN_VIEWS:
-        hull->min_views = (uint32_t)cli_arg_whole(st, "min-views", arg, 1, REC_MAX_CAMERAS);
-        return 0;
-    case OPT_HULL_RULE: hull->keep_partial = cli_arg_choice(st, "hull-rule", arg, rules); return 0;
-    case OPT_STRICT: hull->keep_partial = 0; return 0;
-    case OPT_NO_HULL: o->no_hull = true; return 0;
-    case OPT_TEMPORAL:
-        o->frame.temporal = true;
-        o->both = arg != NULL && cli_arg_choice(st, "temporal", arg, temporal) == 1;
-        return 0;
-    case OPT_TRUST_ALL: o->frame.trust_all = true; return 0;
-    case OPT_SATURATED:
-        o->frame.at_least = cli_arg_choice(st, "saturated", arg, saturated) == 1;
-        return 0;
-    case OPT_ABSORPTION:
-        o->find_absorption = strcmp(arg, "auto") == 0;
-        o->frame.absorption = o->find_absorption || strcmp(arg, "off") == 0
-                                  ? 0
-                                  : cli_arg_double(st, "absorption", arg, 0, 1e6);
-        return 0;
-    default: return ARGP_ERR_UNKNOWN;
-    }
-}
 
 static void parse_array(struct argp_state *st, const char *arg, struct reconstruct_options *o)
 {
@@ -269,62 +131,57 @@ static void check_parts(struct argp_state *st, struct reconstruct_options *o)
     bool several = o->parts > 0 || o->slurm > 0;
     if (o->join && (several || o->resume || o->plan || o->sbatch != NULL || o->report != NULL ||
                     o->save_rig != NULL))
-        argp_error(st, "--join solves nothing: it goes with --out alone");
+        argp_error(st, "--join needs --out and no other option, because it solves nothing");
     if (o->plan && (several || o->resume))
-        argp_error(st, "--plan is of all frame sets: not with --array, --slurm or --resume");
+        argp_error(
+            st, "--plan looks at all frame sets: it cannot go with --array, --slurm or --resume");
     if ((several || o->join) && !o->recording)
         argp_error(st, "%s needs --out FILE.h5", o->join ? "--join" : "--array, --slurm");
     if (o->parts > 0 && o->slurm > 0)
-        argp_error(st, "--slurm says --array to each part itself");
+        argp_error(st, "--slurm gives each part its --array: use only one of them");
     if (several && o->report != NULL)
-        argp_error(st, "--save-report: of parts the reports are in FILE.h5, /sets");
-    if (o->recording && o->both)
-        argp_error(st, "--temporal=both needs a folder: --out DIR");
+        argp_error(st, "--save-report: the reports of parts are in FILE.h5, group /sets");
     if (o->sbatch != NULL && o->slurm == 0)
         argp_error(st, "--sbatch goes with --slurm");
 }
 
 static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *st)
 {
-    static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
+    static const enum rec_stop stop[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
+                                         REC_STOP_ITERATIONS};
     struct reconstruct_options *o = st->input;
+    struct rec_solve_params *solve = &o->frame.solve;
     switch (key) {
     case ARGP_KEY_INIT: st->child_inputs[0] = &o->rig; return 0;
-    case OPT_FRAMES: o->frames = arg; return 0;
-    case OPT_OUT: o->out = arg; return 0;
-    case OPT_REPORT: o->report = arg; return 0;
-    case OPT_CACHE: o->cache = arg; return 0;
-    case OPT_FIRST:
-        o->first = (uint32_t)cli_arg_whole(st, "first", arg, 0, FRAMES_IN_LAST);
+    case OPT_SOLVER:
+        solve->solver = rec_solver_names()[cli_arg_choice(st, "solver", arg, rec_solver_names())];
         return 0;
-    case OPT_LAST: o->last = (uint32_t)cli_arg_whole(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
-    case OPT_GREY: o->grey = true; return 0;
-    case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
-    case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
-    case OPT_BAYER: o->bayer = cli_arg_choice(st, "bayer", arg, bayers); return 0;
+    case OPT_ITER:
+        solve->iterations = (uint32_t)cli_arg_whole(st, "iterations", arg, 1, 1000000);
+        if (!o->stop_said)
+            solve->stop = REC_STOP_ITERATIONS;
+        return 0;
+    case OPT_STOP:
+        solve->stop = stop[cli_arg_word(st, "stop", arg, STOPS)];
+        o->stop_said = true;
+        return 0;
+    case OPT_ABSORPTION:
+        o->find_absorption = strcmp(arg, "auto") == 0;
+        o->frame.absorption = o->find_absorption || strcmp(arg, "off") == 0
+                                  ? 0
+                                  : cli_arg_double(st, "absorption", arg, 0, 1e6);
+        return 0;
     case OPT_MEMORY: o->memory = 1e9 * cli_arg_double(st, "memory", arg, 0, 1e9); return 0;
     case OPT_PLAN:
         o->plan = true;
         o->plan_hours = arg != NULL ? cli_arg_double(st, "plan", arg, 0.01, 1e6) : 0;
         return 0;
-    case OPT_QUIET: o->quiet = true; return 0;
-    case OPT_BACKGROUND: o->background = arg; return 0;
-    case OPT_SAVE_HULL: o->save_hull = arg; return 0;
     case OPT_FIT:
         o->fit = true;
         if (arg != NULL)
             o->fit_margin = cli_arg_double(st, "fit-volume", arg, 0, 1e6);
         return 0;
-    case OPT_FIT_FRAMES:
-        o->fit_frames =
-            strcmp(arg, "all") == 0 ? 0 : (uint32_t)cli_arg_whole(st, "fit-frames", arg, 1, 999999);
-        return 0;
-    case OPT_SAVE_RIG: o->save_rig = arg; return 0;
     case OPT_ARRAY: parse_array(st, arg, o); return 0;
-    case OPT_RESUME: o->resume = true; return 0;
-    case OPT_JOIN: o->join = true; return 0;
-    case OPT_SLURM: o->slurm = (unsigned)cli_arg_whole(st, "slurm", arg, 1, PARTS_MAX); return 0;
-    case OPT_SBATCH: o->sbatch = arg; return 0;
     case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
     case ARGP_KEY_END:
         check_parts(st, o);
@@ -334,9 +191,9 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
             (o->out == NULL && o->save_rig == NULL && !o->plan))
             argp_error(st, "needs --rig, --frames and --out");
         if (o->save_rig != NULL && !o->fit)
-            argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");
+            argp_error(st, "--save-rig needs --fit-volume, because it writes the fitted volume");
         if (o->fit && o->no_hull)
-            argp_error(st, "--fit-volume comes from the hull: it cannot go with --no-hull");
+            argp_error(st, "--fit-volume needs the hull: it cannot go with --no-hull");
         if (o->frame.temporal && !rec_solver_is_default(o->frame.solve.solver))
             argp_error(st, "--temporal needs the solver %s", rec_solver_names()[0]);
         if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
@@ -344,7 +201,7 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
             argp_error(st, "--bayer rays needs the solver %s and three channels",
                        rec_solver_names()[0]);
         return 0;
-    default: return parse_rest(key, arg, st);
+    default: return cli_row(rows, key, arg, st, o);
     }
 }
 
@@ -359,12 +216,11 @@ static char *help_text(int key, const char *text, void *input)
     for (int i = 0; names[i] != NULL; i++)
         snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s%s", i == 0 ? "" : ", ",
                  names[i], i == 0 ? " (default)" : "");
-    snprintf(list + strlen(list), sizeof list - strlen(list),
-             "; all but the first are for comparison");
+    snprintf(list + strlen(list), sizeof list - strlen(list), "; the others are for comparison");
     return strdup(list);
 }
 
-/* Options that have no bearing on the volumes, nor where they are made; those that only say who makes which are first. */
+/* Options that do not change the volumes.  The first ABOUT_JOBS of them only choose which process solves which part. */
 static const struct aside {
     const char *name;
     int words; /* with its value, if that is not joined by = */
@@ -443,44 +299,45 @@ static char *reconstruct_said(int argc, char **argv)
 
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
 {
-    static const struct argp_child children[] = {{&opt_rig_argp, 0, "", 1}, {0}};
-    static const struct argp argp = {
-        .options = option_table,
+    struct argp_option options[sizeof rows / sizeof *rows];
+    const struct argp_child children[] = {{opt_rig_argp(), 0, "", 1}, {0}};
+    const struct argp argp = {
+        .options = cli_rows(rows, options),
         .parser = reconstruct_options_parse,
         .children = children,
         .help_filter = help_text,
-        .doc = "Reconstruct one emission volume per recorded frame set.\vImages are linear: "
-               "8/16-bit with full scale 1.0, .npy float32 as it is. A frame that some camera "
-               "lacks is solved from the others; a file that cannot be used is named, the rest "
-               "goes on, and the exit code is 1.\n\n"
-               "Examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "
-               "recording to try them on, with --black 0.02):\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol\n"
-               "      one volume per frame on the rig's grid\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-               "          --fit-volume --grid 128 --save-report report.json\n"
-               "      128 voxels along the flame's height, none wasted beside it\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames take \\\n"
-               "          --fit-volume=0.05 --save-rig tight.yaml\n"
-               "      only find the box, for the daemon\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-               "          --last 9 --save-hull hulls\n"
-               "      is the calibration good?  Look at the hulls of ten frames\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
-               "          --pixel-format BayerRG8 --binning 1\n"
-               "      raw pictures of colour cameras, each pixel used as it is\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol --grid 256 \\\n"
-               "          --plan=12\n"
-               "      will it be done in 12 hours, how much memory and disk?\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-               "          --deadline 100\n"
-               "      within 100 ms of solving per frame\n"
-               "  mpirun -n 8 pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
-               "          --out volumes.h5\n"
-               "      every process a part, on one machine or many\n"
-               "  pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
-               "          --out volumes.h5 --slurm 100\n"
-               "      the same by Slurm; `--out volumes.h5 --join` shows how far it is\n"};
+        .doc =
+            "Reconstruct one emission volume per recorded frame set, for example\n\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol"
+            "\vImages are linear. 8-bit and 16-bit images have full scale 1.0, .npy float32 images "
+            "are used as they are. If a camera lacks a frame, the set is solved from the others. "
+            "A file that cannot be used is named, the run continues, and the exit code is 1.\n\n"
+            "More examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "
+            "recording for them, use --black 0.02):\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+            "          --fit-volume --grid 128 --save-report report.json\n"
+            "      128 voxels along the longest side of the flame, none beside it\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take \\\n"
+            "          --fit-volume=0.05 --save-rig tight.yaml\n"
+            "      find the box for the daemon, solve nothing\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+            "          --last 9 --save-hull hulls\n"
+            "      pictures of ten hulls show whether the calibration is good\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
+            "          --pixel-format BayerRG8 --binning 1\n"
+            "      raw pictures of colour cameras, without interpolation of colours\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol --grid 256 \\\n"
+            "          --plan=12\n"
+            "      does it finish in 12 hours, how much memory and disk does it need?\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+            "          --deadline 100\n"
+            "      at most 100 ms of solving per frame\n"
+            "  mpirun -n 8 pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
+            "          --out volumes.h5\n"
+            "      each process solves a part, on one machine or many\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
+            "          --out volumes.h5 --slurm 100\n"
+            "      the same with Slurm; `--out volumes.h5 --join` shows the progress\n"};
     *o = (struct reconstruct_options){.rig = OPT_RIG_INIT,
                                       .last = FRAMES_IN_LAST,
                                       .fit_margin = -1,

@@ -20,8 +20,7 @@ struct reconstruct_options {
     bool grey, warm, quiet, no_hull;
     bool stop_said;       /* --stop */
     bool find_absorption; /* of frame.absorption */
-    bool both;            /* frame.temporal, from the frame after too */
-    int bayer;            /* 0 auto, 1 rays, 2 demosaic */
+    int32_t bayer;        /* 0 auto, 1 rays, 2 demosaic */
     double memory;        /* bytes; < 0 = what is free */
     bool plan;            /* only say what it would take, */
     double plan_hours;    /* and how many machines for so long; 0 = no matter */

@@ -13,9 +13,9 @@
 #include "daemon/volumes/join.h"
 
 #define EARLY \
-    5 /* sets: after as many, what a warm start or a temporal term began with is forgotten */
+    5 /* sets: after these the volume no longer depends on the first one of a warm start or temporal term */
 
-/* Of what the rig's text or an option names, without saying what is in it; 0: nothing. */
+/* Hash of the masks, which the rig only names; 0: no masks. */
 static uint64_t hash_masks(const struct rec_rig *rig, const dmn_photometry *light)
 {
     uint64_t h = 0;
@@ -84,17 +84,16 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
     return parts_begin(&p->job, d);
 }
 
-/* Who deals out a take that grows would deal it out differently a moment later. */
+/* A take that still grows would be divided differently a moment later. */
 static pvx_err part_is_whole(const struct reconstruct_options *o, const struct frames_in *in,
                              struct pvx_diag *d)
 {
     if (in->take == NULL || cap_take_info(in->take)->closed || o->last < FRAMES_IN_LAST)
         return PVX_OK;
-    return pvx_fail(
-        d, PVX_EBUSY,
-        "%s: is still being written, or was cut off: wait for its end, or say with --last "
-        "which set is the last (now %u)",
-        o->frames, in->number[in->n - 1]);
+    return pvx_fail(d, PVX_EBUSY,
+                    "%s: is still being written, or was cut off: wait for its end, or name "
+                    "the last set with --last (now %u)",
+                    o->frames, in->number[in->n - 1]);
 }
 
 pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstruct_options *o,
@@ -128,7 +127,7 @@ static bool part_is_there(const char *path)
     return access(path, F_OK) == 0;
 }
 
-/* What an earlier try left goes into the new file first; it is put aside until all of it is there. */
+/* Volumes of an earlier try go into the new file first.  The old file is kept until all of them are copied. */
 static pvx_err part_take_over(struct reconstruct_part *p, const struct rec_rig *rig,
                               const struct frames_in *in, uint64_t *last, struct pvx_diag *d)
 {
@@ -181,7 +180,7 @@ pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *
     return PVX_OK;
 }
 
-/* The volume before the part's first, as it is from here. */
+/* The volume before the part's first one, as this part has it. */
 static pvx_err put_seam(struct reconstruct_part *p, const struct dmn_slot *s,
                         const struct rec_rig *rig, int nch, struct pvx_diag *d)
 {

@@ -1,6 +1,6 @@
-/* part.h - one part of a recording that several processes reconstruct (parts.h): which sets, and their volumes
- * into its file.  With warm starts and temporal terms a part begins a few sets early, with volumes that are not its own: the
- * last of them goes to part-*.seam.h5, where reconstruct_join compares it with what the part before has. */
+/* part.h - one part of a recording that several processes reconstruct (parts.h): it chooses the sets and writes their
+ * volumes into the file of the part.  With warm starts and temporal terms a part begins a few sets early.  Those volumes
+ * are not its own.  The last of them goes to part-*.seam.h5, and reconstruct_join compares it with the part before. */
 #ifndef RECONSTRUCT_PART_H
 #define RECONSTRUCT_PART_H
 #include "daemon/cli/common/frames_in.h"
@@ -20,19 +20,19 @@ struct reconstruct_part {
     char *path; /* of the file */
 };
 
-/* The part that o says, or all: `in` keeps only its sets.  Nothing is written yet but OUT.parts.
+/* Take the part that o names, or all sets.  `in` keeps only its sets.  Only OUT.parts is written yet.
  * Errors: those of parts_begin, part_take and vol_writer_check. */
 PVX_MUST_CHECK pvx_err reconstruct_part_begin(struct reconstruct_part *p,
                                               const struct reconstruct_options *o,
                                               const struct rec_rig *rig, struct frames_in *in,
                                               struct pvx_diag *d);
-/* Its file, with what an earlier try left; the sets that are done are taken from `in`.  Errors: those of volumes_out. */
+/* Open its file, with the volumes of an earlier try.  Sets that are done leave `in`.  Errors: those of volumes_out. */
 PVX_MUST_CHECK pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *rig,
                                              struct frames_in *in, struct pvx_diag *d);
-/* A set came out of the pipeline; *own: its volume counts. */
+/* Take a set from the pipeline.  *own: the volume belongs to this part. */
 PVX_MUST_CHECK pvx_err reconstruct_part_put(struct reconstruct_part *p, const struct dmn_slot *s,
                                             const struct rec_rig *rig, int nch, bool *own,
                                             struct pvx_diag *d);
-/* Closes; e and d: what came of it, e PVX_ECANCELED: stopped.  Returns e, or what closing came to. */
+/* Close.  e and d: the result so far, PVX_ECANCELED: stopped.  Returns e, or the error of closing. */
 pvx_err reconstruct_part_end(struct reconstruct_part *p, pvx_err e, struct pvx_diag *d);
 #endif

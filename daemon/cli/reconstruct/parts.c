@@ -113,12 +113,13 @@ static pvx_err read_job(const cJSON *o, struct parts_job *j, const char *path, s
     if (cJSON_IsNumber(version) && version->valuedouble != JOB_VERSION)
         return pvx_fail(d, PVX_EVERSION,
                         "%s: was begun by another version of this program (%.40s): finish it with "
-                        "that one, or name another --out",
+                        "that version, or name another --out",
                         path, software != NULL ? software : "unknown");
     if (version == NULL || !is_number(n, 1, PARTS_MAX) || rig == NULL || options == NULL ||
         (j->number =
              reconstruct_numbers(cJSON_GetObjectItemCaseSensitive(o, "sets"), &j->n_sets)) == NULL)
-        return pvx_fail(d, PVX_EFORMAT, "%s: is damaged, or no job of `pyrovox reconstruct`", path);
+        return pvx_fail(d, PVX_EFORMAT, "%s: is damaged, or not a job of `pyrovox reconstruct`",
+                        path);
     j->n = (unsigned)n->valuedouble;
     j->software = strdup(software != NULL ? software : "unknown");
     j->rig = strdup(rig);
@@ -185,7 +186,7 @@ static pvx_err reconstruct_compare(const struct parts_job *was, const struct par
     if (was->n != j->n)
         return pvx_fail(
             d, PVX_ESTALE,
-            "%s.parts: was begun in %u parts, not in %u: go on with that number, or name "
+            "%s.parts: was begun in %u parts, not in %u: continue with that number, or name "
             "another --out",
             j->out, was->n, j->n);
     if (strcmp(was->options, j->options) != 0) {
@@ -193,7 +194,7 @@ static pvx_err reconstruct_compare(const struct parts_job *was, const struct par
         other_line(j->options, was->options, new, sizeof new);
         return pvx_fail(
             d, PVX_ESTALE,
-            "%s.parts: was begun with other options (then '%s', now '%s'): say the same, "
+            "%s.parts: was begun with other options (then '%s', now '%s'): use the same, "
             "or name another --out",
             j->out, old, new);
     }
@@ -207,12 +208,12 @@ static pvx_err reconstruct_compare(const struct parts_job *was, const struct par
         return pvx_fail(
             d, PVX_ESTALE,
             "%s.parts: was begun with %zu frame sets, now there are %zu: is the recording "
-            "still being written?  --first and --last say which ones are meant",
+            "still being written?  --first and --last choose the sets",
             j->out, was->n_sets, j->n_sets);
     return PVX_OK;
 }
 
-/* Whoever links its file first has begun it, also where several nodes begin at once. */
+/* The process that links its file first has begun the job.  This also holds if several nodes begin at once. */
 pvx_err parts_begin(const struct parts_job *j, struct pvx_diag *d)
 {
     char path[PATH_ROOM], mine[PATH_ROOM + 300], host[256] = "";
@@ -258,7 +259,7 @@ struct part {
     enum part_state said;
 };
 
-/* Asked without taking it for a moment, which could be in somebody's way. */
+/* Test the lock without taking it, which could disturb another process. */
 static bool reconstruct_is_held(const struct parts_job *j, unsigned i)
 {
     char path[PATH_ROOM];
@@ -299,7 +300,7 @@ static void read_status(const cJSON *o, struct part_status *s)
     reconstruct_copy_text(o, "error", s->error, sizeof s->error);
 }
 
-/* A power cut, or a file server, may take back what was done. */
+/* A power cut or a file server may lose data that was written. */
 static bool reconstruct_is_whole(const struct parts_job *j, unsigned i, uint64_t done)
 {
     char path[PATH_ROOM];
@@ -329,7 +330,7 @@ void parts_status(const struct parts_job *j, unsigned i, struct part_status *s)
         s->state = PART_DIED;
     if (s->state == PART_DONE && !reconstruct_is_whole(j, i, s->done)) {
         s->state = PART_FAILED;
-        snprintf(s->error, sizeof s->error, "its file is not as it was when it was done");
+        snprintf(s->error, sizeof s->error, "its file has changed since it was done");
     }
 }
 
@@ -371,8 +372,8 @@ static pvx_err reconstruct_parts_look(part *p, bool resume, bool *done, struct p
         return PVX_OK;
     }
     return pvx_fail(d, PVX_EBUSY,
-                    "%s.parts: part %u of %u is there already (%s, %" PRIu64 " of %" PRIu64
-                    " sets): --resume goes on with it",
+                    "%s.parts: part %u of %u exists already (%s, %" PRIu64 " of %" PRIu64
+                    " sets): --resume continues it",
                     p->job->out, p->i, p->job->n, part_state_names[s.state], s.done, s.sets);
 }
 
@@ -444,7 +445,7 @@ void part_say(part *p, enum part_state state, uint64_t done, const char *error)
     char *text = cJSON_Print(o);
     cJSON_Delete(o);
     parts_path(p->job, p->i, "json", path, sizeof path);
-    /* a disk that is full refuses this too: the volumes say it */
+    /* if the disk is full, writing the volumes reports it */
     if (text != NULL)
         (void)!pvx_file_write(path, text, strlen(text), NULL);
     cJSON_free(text);

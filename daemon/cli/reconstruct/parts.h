@@ -1,12 +1,12 @@
-/* parts.h - one recording of volumes that several processes make: who solves which run of its sets, how far each is.
+/* parts.h - one recording of volumes that several processes make: which process solves which sets, and how far each is.
  *
  * Beside OUT lies OUT.parts:
- *   job.json               the sets, dealt into how many parts, of which rig, with which options: the same for all
- *   part-0003-of-0008.h5   the volumes of a part (daemon/VOLUMES.md); .cut-off: what a try left that died, until its volumes
- *                          are in the new file
- *   part-0003-of-0008.json how far it is, replaced once a second
- *   part-0003-of-0008.lock held (a lock of the open file) while somebody solves it
- * A part that says "running" while nobody holds its lock has died, whatever any clock says: those of two nodes may differ.
+ *   job.json               the sets, the number of parts, the rig and the options: the same for all parts
+ *   part-0003-of-0008.h5   the volumes of a part (daemon/VOLUMES.md).  .cut-off: the file of a try that died, until its
+ *                          volumes are in the new file
+ *   part-0003-of-0008.json its progress, replaced once a second
+ *   part-0003-of-0008.lock locked (a lock of the open file) while a process solves it
+ * A part whose state is "running" but whose lock is free has died.  Clocks are not used: those of two nodes may differ.
  * Threads: one at a time. */
 #ifndef CLI_PARTS_H
 #define CLI_PARTS_H
@@ -22,7 +22,7 @@ struct parts_job {
     unsigned n;      /* parts */
     const char *rig; /* rig.yaml, and a line an option: the same in all */
     const char *options;
-    const char *software;   /* who began it, where it was loaded */
+    const char *software;   /* the version that began it, if it was loaded */
     const uint32_t *number; /* [n_sets] ascending */
     size_t n_sets;
 };
@@ -30,7 +30,7 @@ struct parts_job {
 /* The runs are contiguous: part i of n (from 1) has the sets [*first, *end) of the list. */
 void parts_run(size_t n_sets, unsigned i, unsigned n, size_t *first, size_t *end);
 
-/* Begins OUT.parts, or finds that it is of this very job.
+/* Begins OUT.parts, or finds that it belongs to this job.
  * Errors: PVX_ESTALE (of another job: names what differs), PVX_EFORMAT, PVX_ENOSPC, PVX_EPERM, PVX_EIO. */
 PVX_MUST_CHECK pvx_err parts_begin(const struct parts_job *j, struct pvx_diag *d);
 /* A number for all of the job: its rig, options and sets. */
@@ -53,20 +53,20 @@ struct part_status {
     char host[256];
     char error[PVX_DIAG_MAX];
 };
-/* How part i is; of what cannot be read PART_NONE. */
+/* Status of part i; PART_NONE if it cannot be read. */
 void parts_status(const struct parts_job *j, unsigned i, struct part_status *out);
 /* Name of a part's file; what: "h5", "h5.cut-off", ... */
 void parts_path(const struct parts_job *j, unsigned i, const char *what, char *out, size_t size);
 
 typedef struct part part;
-/* Part i for this process alone.  resume: what an earlier try left is gone on with, else PVX_EBUSY.
- * *done: there is nothing left to do.  Errors: PVX_EBUSY (somebody solves it: names host and process), PVX_EPERM, ... */
+/* Lock part i for this process.  resume: continue what an earlier try left, else PVX_EBUSY.
+ * *done: nothing is left to do.  Errors: PVX_EBUSY (another process solves it: names host and process), PVX_EPERM, ... */
 PVX_MUST_CHECK pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done,
                                  part **out, struct pvx_diag *d);
-/* Of its sets `done` are done from before: the rate counts from here. */
+/* `done` of its sets are done already.  The rate counts from here. */
 void part_begin(part *p, uint64_t done);
-/* How far it is; writes at most once a second while it runs. */
+/* Set its progress.  While it runs, the file is written at most once a second. */
 void part_say(part *p, enum part_state state, uint64_t done, const char *error);
-/* Gives it back; what was said last stays. */
+/* Unlock it.  The last progress stays in the file. */
 void part_free(part **p);
 #endif

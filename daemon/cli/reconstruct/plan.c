@@ -251,15 +251,14 @@ static void say_nodes(const struct plan *p, double once, double each)
         return;
     double left = hours * 3600 - once;
     if (left < each) {
-        printf("in %g h: not with any number of machines like this one, each needs ", hours);
+        printf("in %g h: no number of machines like this one can do it, each needs ", hours);
         say_time(once + each);
         printf(" for a single set\n");
         return;
     }
     double of_each = floor(left / each), nodes = ceil(sets / of_each);
-    printf("in %g h: %.0f machine%s like this one, with %.0f frame sets each; each looks for "
-           "bricks and "
-           "builds its own matrix; reading at once from one place as fast as alone\n",
+    printf("in %g h: %.0f machine%s like this one, with %.0f frame sets each; each finds the "
+           "bricks and builds its own matrix; assumed: reading is as fast as on one machine\n",
            hours, nodes, nodes == 1 ? "" : "s", ceil(sets / nodes));
 }
 
@@ -290,12 +289,10 @@ static void plan_print(const struct plan *p, const struct reconstruct_need *need
     printf("%-14s %10.3g %10.3g\n\n", "", once, each);
     printf("here: ");
     say_time(once + each * sets);
-    printf(", one stage after the other; the pipeline does them at once, where there are "
-           "processors for it\n");
+    printf(", one stage after the other; with enough processors the pipeline does them at the "
+           "same time\n");
     printf("memory: %s %.2f GB%s\n", whole ? "about" : "at most", need->most * 1e-9 + 0.005,
-           f->seen.sets < p->in->n
-               ? ", if the sets that were not looked at have flame where these have"
-               : "");
+           f->seen.sets < p->in->n ? ", if the other sets have flame in the same place" : "");
     printf("disk: %s%.3g GB of volumes (float, %d channel%s)%s\n",
            p->o->recording ? "at most " : "", disk * 1e-9, p->params->nch,
            p->params->nch == 1 ? "" : "s", p->o->recording ? ", less where there is no flame" : "");
@@ -326,7 +323,7 @@ static pvx_err plan_run(struct plan *p, struct pvx_diag *d)
         need.most = need.base + fmax(need.look, all + need.sets + need.volume);
     plan_print(p, &need, whole);
     if (!whole && room > 0 && need.most > room)
-        printf("this is more than the %.1f GB that are to be used here\n", room * 1e-9);
+        printf("this is more than the %.1f GB that may be used here\n", room * 1e-9);
     return PVX_OK;
 }
 

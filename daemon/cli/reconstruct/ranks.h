@@ -1,5 +1,5 @@
-/* ranks.h - the processes that mpirun or srun started together, by the module pyrovox-mpi.so (Open MPI), which is only
- * loaded there.  Without it, and started alone, a process is rank 0 of 1 and every call returns at once.
+/* ranks.h - the processes that mpirun or srun started together.  The module pyrovox-mpi.so (Open MPI) is loaded only
+ * there.  A process that was started alone is rank 0 of 1, and every call returns at once.
  * Threads: that of main.  All ranks must make the same calls in the same order. */
 #ifndef CLI_RANKS_H
 #define CLI_RANKS_H
@@ -29,7 +29,7 @@ PVX_MUST_CHECK pvx_err ranks_open(struct ranks *r, struct pvx_diag *d);
 pvx_err ranks_all(const struct ranks *r, pvx_err e);
 /* The largest of all. */
 int ranks_worst(const struct ranks *r, int value);
-/* What the first of a node does before the others: between these two calls. */
+/* Between these two calls the first process of a node works while the others wait. */
 void ranks_first(const struct ranks *r);
 void ranks_others(const struct ranks *r);
 void ranks_close(struct ranks *r);

@@ -47,8 +47,6 @@ struct job {
     struct reconstruct_hints hints; /* of what was written */
     bool said_lit;                  /* that nearly all of an image is */
     struct dmn_votes votes;
-    bool back;     /* the second pass of --temporal=both, */
-    size_t means;  /* whose volumes are written */
     bool failed;   /* something went wrong, but the others went on */
     pvx_err error; /* what ended it */
     struct pvx_diag why;
@@ -127,17 +125,6 @@ static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 
-static pvx_err save_volume(const struct job *j, const struct dmn_slot *s, const char *path,
-                           struct pvx_diag *d)
-{
-    struct dmn_volume_meta m = {.grid = j->S->grid,
-                                .nch = j->params.nch,
-                                .frame = (int64_t)s->set,
-                                .clock = "frame-number",
-                                .report = rec_frame_get_report(s->frame)};
-    return dmn_volume_save(path, &m, j->dense, d);
-}
-
 static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     uint32_t no = (uint32_t)s->set;
@@ -162,55 +149,24 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
     if (!j->o->recording) {
         rec_sparse_to_dense(&v, j->dense);
         snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
-        PVX_TRY(save_volume(j, s, path, d));
+        struct dmn_volume_meta m = {.grid = j->S->grid,
+                                    .nch = j->params.nch,
+                                    .frame = (int64_t)s->set,
+                                    .clock = "frame-number",
+                                    .report = r};
+        PVX_TRY(dmn_volume_save(path, &m, j->dense, d));
     }
     reconstruct_hints_add(&j->hints, r, &v, j->o->fit ? &j->whole : NULL);
     return PVX_OK;
 }
 
-/* The mean of this pass' volume and the first one's, in its place. */
-static pvx_err save_mean(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
-{
-    size_t n = rec_grid_count(&j->S->grid) * (size_t)j->params.nch;
-    struct rec_grid grid = j->S->grid;
-    struct rec_sparse v;
-    char path[4300];
-    float *first;
-    int nch;
-    snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, (unsigned)s->set);
-    PVX_TRY(dmn_volume_load(path, &grid, &nch, &first, d));
-    pvx_err e = nch == j->params.nch && memcmp(grid.n, j->S->grid.n, sizeof grid.n) == 0
-                    ? PVX_OK
-                    : pvx_fail(d, PVX_EFORMAT, "%s: somebody else wrote it meanwhile", path);
-    rec_frame_volume(s->frame, &v);
-    rec_sparse_to_dense(&v, j->dense);
-    for (size_t i = 0; e == PVX_OK && i < n; i++)
-        j->dense[i] = 0.5F * (j->dense[i] + first[i]);
-    free(first);
-    return e == PVX_OK ? save_volume(j, s, path, d) : e;
-}
-
-/* The sink of the second pass, which reports and counts nothing again. */
-static bool put_mean(struct job *j, const struct dmn_slot *s)
-{
-    if (s->why == DMN_N_DROP)
-        j->error = save_mean(j, s, &j->why);
-    if (j->error != PVX_OK)
-        atomic_store(&j->in.stop, true);
-    else
-        j->means += s->why == DMN_N_DROP;
-    return j->error == PVX_OK && s->why == DMN_N_DROP;
-}
-
-/* The sink.  After an error the source is told to end, and nothing more is written. */
+/* The sink.  After an error it stops the source and writes nothing more. */
 static bool reconstruct_put(void *ctx, const struct dmn_slot *s)
 {
     struct job *j = ctx;
     if (j->error != PVX_OK)
         return false;
-    cli_progress(&j->bar, (double)++j->sets / (double)(j->o->both ? 2 * j->in.n : j->in.n));
-    if (j->back)
-        return put_mean(j, s);
+    cli_progress(&j->bar, (double)++j->sets / (double)j->in.n);
     bool own = true;
     if (s->why != DMN_N_DROP && s->why != DMN_DROP_IMAGES)
         j->error = pvx_fail(&j->why, PVX_EINVAL, "frame %06llu: cannot be solved",
@@ -271,7 +227,7 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
                                     : PVX_OK;
 }
 
-/* One of a node's processes builds it, the others map what that one has cached: it is there once. */
+/* One process of a node builds it, the others map the file in its cache: it is in memory once. */
 static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
 {
     ranks_first(&j->ranks);
@@ -295,7 +251,7 @@ static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
                                     .lossless = true,
                                     .warm = o->warm,
                                     .deadline = {.limit_ns = (int64_t)(o->deadline_ms * 1e6)},
-                                    .source = frames_in_source(&j->in, j->back),
+                                    .source = frames_in_source(&j->in),
                                     .sink = {.name = "save", .put = reconstruct_put, .ctx = j}};
     pvx_err e = PVX_OK;
     if (o->background != NULL)
@@ -348,15 +304,6 @@ static void reconstruct_finish(struct job *j)
     rec_rig_fini(&j->rig);
 }
 
-static pvx_err reconstruct_pass(struct job *j, struct pvx_diag *d)
-{
-    pvx_err e = dmn_pipeline_start(j->pipeline, d);
-    dmn_pipeline_join(j->pipeline);
-    if (e == PVX_OK && (e = j->error) != PVX_OK)
-        *d = j->why;
-    return e;
-}
-
 /* After an error or Ctrl-C too the report is written for what was done. */
 static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 {
@@ -365,14 +312,10 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     describe_volume(root, j);
     j->list = cJSON_AddArrayToObject(root, "frames");
     j->bar = (struct cli_progress){.label = "reconstruct", .quiet = o->quiet};
-    pvx_err e = reconstruct_pass(j, d);
-    if (e == PVX_OK && o->both && !cli_stop) {
-        j->back = true;
-        dmn_pipeline_free(&j->pipeline);
-        e = reconstruct_connect_all(j, d);
-        if (e == PVX_OK)
-            e = reconstruct_pass(j, d);
-    }
+    pvx_err e = dmn_pipeline_start(j->pipeline, d);
+    dmn_pipeline_join(j->pipeline);
+    if (e == PVX_OK && (e = j->error) != PVX_OK)
+        *d = j->why;
     struct pvx_diag dr = {""};
     pvx_err er = o->report == NULL ? PVX_OK : save_report(o->report, root, &dr);
     if (er != PVX_OK) {
@@ -383,16 +326,11 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     if (e == PVX_OK && !o->quiet)
         fprintf(stderr, "%u volume%s in %s\n", j->hints.volumes, j->hints.volumes == 1 ? "" : "s",
                 o->out);
-    if (o->both && j->means < j->hints.volumes)
-        fprintf(stderr,
-                "pyrovox: %zu of %u volumes are from both sides, the first ones from the frames "
-                "before alone\n",
-                j->means, j->hints.volumes);
     reconstruct_hints_say(&j->hints, o);
     return e;
 }
 
-/* What is left to do when the parts of the others are done too. */
+/* Join the parts if all of them are done. */
 static int reconstruct_do_join(const struct job *j, int code)
 {
     const struct reconstruct_options *o = j->o;
@@ -435,13 +373,13 @@ static unsigned reconstruct_share_of(unsigned mine, unsigned n)
 static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
 {
     o->node_n = j->ranks.n = 1;
-    if (o->parts > 0 || o->slurm > 0 || o->plan) /* each was told its part */
+    if (o->parts > 0 || o->slurm > 0 || o->plan) /* the part is given */
         return PVX_OK;
     PVX_TRY(ranks_open(&j->ranks, d));
     if (j->ranks.n == 1 && o->resume)
         return pvx_fail(d, PVX_EINVAL,
-                        "--resume goes on with parts: say --array I/N, --slurm N or mpirun -n N as "
-                        "before; one process that is to be gone on with is --array 1/1");
+                        "--resume continues parts: use --array I/N, --slurm N or mpirun -n N as "
+                        "before; a single process that can be continued is --array 1/1");
     if (j->ranks.n == 1)
         return PVX_OK;
     if (!o->recording)

@@ -34,7 +34,7 @@ static pvx_err put_program(FILE *f, struct pvx_diag *d)
     char dir[3000], path[3100];
     pvx_err e = pvx_exe_dir(dir, sizeof dir);
     if (e != PVX_OK)
-        return pvx_fail(d, e, "where this program lies is not known");
+        return pvx_fail(d, e, "the folder of this program is not known");
     snprintf(path, sizeof path, "%s/pyrovox", dir);
     put_word(f, path);
     fputs(" reconstruct", f);
@@ -49,7 +49,7 @@ static pvx_err slurm_write_script(const struct parts_job *j, int argc, char **ar
     FILE *f = open_memstream(&text, &len);
     if (f == NULL)
         return PVX_ENOMEM;
-    /* told a minute before its time is over, it ends in order and --resume goes on there */
+    /* a signal a minute before the time limit: the part ends in order and --resume continues it */
     fprintf(f,
             "#!/bin/sh\n"
             "# Part $SLURM_ARRAY_TASK_ID of %u of %s; written by pyrovox reconstruct --slurm.\n"
@@ -208,7 +208,7 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
     return e;
 }
 
-static bool nobody_began(const struct parts_job *j)
+static bool slurm_is_fresh(const struct parts_job *j)
 {
     char path[4500];
     bool none = true;
@@ -219,8 +219,8 @@ static bool nobody_began(const struct parts_job *j)
     return none;
 }
 
-/* Of a job that nobody has, so that it can be begun in another number of parts. */
-static void take_away(const struct parts_job *j)
+/* Delete a job that was not submitted, so that it can be begun in another number of parts. */
+static void slurm_delete(const struct parts_job *j)
 {
     static const char *const files[] = {"/job.sh", "/job.json", ""};
     char path[4500];
@@ -236,7 +236,7 @@ static pvx_err hand_out(const struct parts_job *j, const char *list, int argc, c
     char script[4500];
     wordexp_t words = {0};
     if (strchr(j->out, '\'') != NULL || strchr(j->out, '%') != NULL)
-        return pvx_fail(d, PVX_EINVAL, "%s: Slurm cannot be given a name with ' or %%", j->out);
+        return pvx_fail(d, PVX_EINVAL, "%s: Slurm cannot take a name with ' or %%", j->out);
     PVX_TRY(slurm_split(options != NULL ? options : "", &words, d));
     snprintf(script, sizeof script, "%s.parts/job.sh", j->out);
     pvx_err e = slurm_write_script(j, argc, argv, script, d);
@@ -253,22 +253,22 @@ pvx_err reconstruct_slurm(const struct parts_job *j, bool resume, int argc, char
 {
     char script[4500], list[8000];
     snprintf(script, sizeof script, "%s.parts/job.sh", j->out);
-    bool fresh = nobody_began(j), begun = access(script, F_OK) == 0;
+    bool fresh = slurm_is_fresh(j), begun = access(script, F_OK) == 0;
     if (!resume && (begun || !fresh))
         return pvx_fail(d, PVX_EBUSY,
-                        "%s.parts: is there already: --resume hands out what is not done; squeue "
+                        "%s.parts: exists already: --resume submits what is not done; squeue "
                         "shows what still waits",
                         j->out);
     unsigned n = slurm_choose(j, resume, list, sizeof list);
     if (n == 0)
         return pvx_fail(d, PVX_EBUSY,
-                        "%s: every part is done or being solved: `pyrovox reconstruct --join --out "
+                        "%s: every part is done or running: `pyrovox reconstruct --join --out "
                         "%s` shows them",
                         j->out, j->out);
     if (strlen(list) > sizeof list - 20)
         return pvx_fail(d, PVX_ERANGE, "%u parts in too many runs for one job array", n);
     pvx_err e = hand_out(j, list, argc, argv, options, &begun, d);
     if (e != PVX_OK && fresh && !begun)
-        take_away(j);
+        slurm_delete(j);
     return e;
 }

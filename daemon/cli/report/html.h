@@ -1,16 +1,16 @@
-/* html.h - text and numbers into a page that is HTML and, read as XML, well-formed: whatever a folder, a camera or a
- * message is called, it stays text. */
+/* html.h - text and numbers into a page that is HTML and also well-formed XML.  Names of folders and cameras, and
+ * messages, stay text whatever they contain. */
 #ifndef CALIBRATE_REPORT_HTML_H
 #define CALIBRATE_REPORT_HTML_H
 #include <stdint.h>
 #include <stdio.h>
 
-/* The style sheet of every page: light, dark by the reader's own choice, and on paper. */
+/* The style sheet of every page: light, dark if the browser asks for it, and on paper. */
 extern const char report_style[];
 
-/* Escaped, between tags as well as in quotes; what is no UTF-8 or no character of XML becomes a '?'. */
+/* Escaped, for use between tags and in quotes.  Bytes that are not UTF-8 or not a character of XML become '?'. */
 void html_text(FILE *f, const char *s);
-/* With so many decimals; a dash where it is no number. */
+/* With so many decimals; a dash if v is not finite. */
 void html_number(FILE *f, double v, int decimals);
 /* The same as a cell of a table. */
 void html_cell(FILE *f, double v, int decimals);

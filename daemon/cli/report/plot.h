@@ -1,5 +1,5 @@
-/* plot.h - lines and points over two axes, as SVG inside a page.  Colours are attributes, so that they are right where a
- * style sheet does not reach into a drawing (PDF).  Threads: pure. */
+/* plot.h - lines and points over two axes, as SVG inside a page.  Colours are attributes, because in a PDF the style
+ * sheet does not apply inside a drawing.  Threads: pure. */
 #ifndef REPORT_PLOT_H
 #define REPORT_PLOT_H
 #include <stdbool.h>
