@@ -5,7 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "daemon/cli/reconstruct/parts.h"
+#include "daemon/volumes/parts.h"
 #include "tests/fuzz/fuzz.h"
 
 static char folder[] = "/dev/shm/fuzz_parts-XXXXXX", out[64], folder_of[80], job[128], status[128],

@@ -325,11 +325,7 @@ static int advise_run(int argc, char **argv)
     if (e == PVX_OK)
         advise_print(&s, &a);
     flame_sets_fini(&s);
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "pyrovox: stopped\n");
-        return 130;
-    }
-    return e == PVX_OK ? 0 : cli_error(&d, e);
+    return cli_end(&d, e);
 }
 
 const struct cli_command cmd_advise = {

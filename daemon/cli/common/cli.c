@@ -28,6 +28,16 @@ int cli_error(const struct pvx_diag *d, pvx_err e)
     return 1;
 }
 
+int cli_end(const struct pvx_diag *d, pvx_err e)
+{
+    if (e == PVX_OK)
+        return 0;
+    if (e != PVX_ECANCELED)
+        return cli_error(d, e);
+    fprintf(stderr, "pyrovox: stopped\n");
+    return 130;
+}
+
 bool cli_progress(void *ctx, double done)
 {
     struct cli_progress *p = ctx;

@@ -7,10 +7,10 @@
  * Ownership: the struct is the caller's.  It must stay in its place while it is a source.  Threads: one. */
 #ifndef FRAMES_IN_H
 #define FRAMES_IN_H
-#include "daemon/cli/common/arg.h"
 #include <stdatomic.h>
 #include "capture/files/imgio.h"
 #include "capture/take/take.h"
+#include "daemon/cli/common/arg.h"
 #include "daemon/pipeline/images.h"
 #include "daemon/pipeline/pipeline.h"
 
@@ -23,44 +23,27 @@ struct frames_in_reading {
     enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
 };
 
-/* Options (arg.h) of the commands that read recorded frames, into the fields `first`, `last`, `reading` and `quiet` of
- * the command's struct T; and how silhouettes are found, into its `frame.photo`. */
-#define FRAMES_IN_ROWS(T)                                                                         \
-    {"first", "N", CLI_AT(T, first), 0, FRAMES_IN_LAST, "first frame number"},                    \
-        {"last", "N", CLI_AT(T, last), 0, FRAMES_IN_LAST, "last frame number"},                   \
-        {"pixel-format",                                                                          \
-         "NAME",                                                                                  \
-         offsetof(T, reading.fmt),                                                                \
-         CLI_PIXFMT,                                                                              \
-         0,                                                                                       \
-         0,                                                                                       \
-         "read grey images as this format: BayerRG8 for raw pictures of a colour camera, Mono12 " \
-         "for 12 "                                                                                \
-         "bits in 16 ..."},                                                                       \
-        {"transfer",                                                                              \
-         "auto|linear|srgb|bt709",                                                                \
-         CLI_AT(T, reading.transfer),                                                             \
-         0,                                                                                       \
-         0,                                                                                       \
-         "how sample values represent light (auto: srgb for JPEG files, linear for all others)"}, \
-    {                                                                                             \
-        "quiet", NULL, CLI_AT(T, quiet), 0, 0, "no progress"                                      \
-    }
-#define FRAMES_IN_PHOTO_ROWS(T)                                                                   \
-    {"threshold",                                                                                 \
-     "X|auto",                                                                                    \
-     CLI_AT(T, frame.photo.threshold),                                                            \
-     0,                                                                                           \
-     1e6,                                                                                         \
-     "a bin is flame from X of full scale on (auto, the default: from the noise)"},               \
-        {"black", "X", CLI_AT(T, frame.photo.black),                                              \
-         0,       1,   "black level, share of full scale (default 0)"},                           \
-    {                                                                                             \
-        "margin", "N", CLI_AT(T, frame.photo.margin), 0, 64,                                      \
-            "grow silhouettes by N bins (default 0). Use the calibration error in bins: a "       \
-            "smaller margin "                                                                     \
-            "cuts the rim of the flame off, a larger one takes time and lets light leak outwards" \
-    }
+/* Rows (arg.h) for the options of all commands that read recorded frames.  T is the command's struct, with the fields
+ * first, last, reading and quiet.  FRAMES_IN_PHOTO_ROWS: how silhouettes are found, into its frame.photo. */
+/* clang-format off */
+#define FRAMES_IN_ROWS(T)                                                                          \
+    {"first", "N", CLI_AT(T, first), 0, FRAMES_IN_LAST, "first frame number"},                     \
+    {"last", "N", CLI_AT(T, last), 0, FRAMES_IN_LAST, "last frame number"},                        \
+    {"pixel-format", "NAME", offsetof(T, reading.fmt), CLI_PIXFMT, 0, 0,                            \
+     "read grey images as this format: BayerRG8 for raw pictures of a colour camera, Mono12 for "  \
+     "12 bits in 16 ..."},                                                                         \
+    {"transfer", "auto|linear|srgb|bt709", CLI_AT(T, reading.transfer), 0, 0,                      \
+     "how sample values represent light (auto: srgb for JPEG files, linear for all others)"},      \
+    {"quiet", NULL, CLI_AT(T, quiet), 0, 0, "no progress"}
+#define FRAMES_IN_PHOTO_ROWS(T)                                                                    \
+    {"threshold", "X|auto", CLI_AT(T, frame.photo.threshold), 0, 1e6,                              \
+     "a bin is flame from X of full scale on (auto, the default: from the noise)"},                \
+    {"black", "X", CLI_AT(T, frame.photo.black), 0, 1,                                             \
+     "black level, share of full scale (default 0)"},                                              \
+    {"margin", "N", CLI_AT(T, frame.photo.margin), 0, 64,                                          \
+     "grow silhouettes by N bins (default 0). Use the calibration error in bins: a smaller "       \
+     "margin cuts the rim of the flame off, a larger one takes time and lets light leak outwards"}
+/* clang-format on */
 
 struct frames_in {
     const struct rec_rig *rig; /* borrowed, as the pool */

@@ -12,7 +12,7 @@
 #include "capture/files/imgio.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/pictures/film.h"
-#include "daemon/cli/pictures/key_frames.h"
+#include "recon/view/key_frames.h"
 #include "daemon/cli/pictures/strip.h"
 #include "daemon/pipeline/volume_file.h"
 #include "recon/view/render.h"
@@ -28,8 +28,8 @@ struct movie {
     char *const *vol;
     size_t n;
     pvx_pool *pool;
-    struct rec_grid box;    /* what a turntable frames */
-    struct key_frames path; /* of RENDER_PATH */
+    struct rec_grid box;        /* what a turntable frames */
+    struct rec_key_frames path; /* of RENDER_PATH */
     struct look look;
     size_t pictures, period; /* all; after so many the viewpoints come again, 1: there is one */
     rec_view **view;      /* [period] viewpoints that come again; NULL: none does, or no memory */
@@ -146,7 +146,7 @@ static pvx_err movie_place(struct movie *m, size_t i, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
     if (o->from == RENDER_PATH)
-        return key_frames_camera(&m->path, i, o->fps, o->width, o->height, &m->at, d);
+        return rec_key_frames_camera(&m->path, i, o->fps, o->width, o->height, &m->at, d);
     if (!turntable(m))
         return PVX_OK;
     double turn = (double)(i % m->period) / (double)m->period;
@@ -162,13 +162,13 @@ static pvx_err movie_place(struct movie *m, size_t i, struct pvx_diag *d)
 static pvx_err read_path(struct movie *m, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
-    struct key_frame base = {.fov_deg = o->fov_deg};
+    struct rec_key_frame base = {.fov_deg = o->fov_deg};
     for (int a = 0; a < 3; a++) {
         base.up[a] = o->up[a];
         base.look_at[a] = o->target_given ? o->target[a] : (m->grid.min[a] + m->grid.max[a]) / 2;
     }
-    PVX_TRY(key_frames_load(o->path, &base, m->rig, &m->path, d));
-    m->pictures = m->period = key_frames_pictures(&m->path, o->fps);
+    PVX_TRY(rec_key_frames_load(o->path, &base, m->rig, &m->path, d));
+    m->pictures = m->period = rec_key_frames_pictures(&m->path, o->fps);
     for (size_t i = m->pictures; i-- > 0;)
         PVX_TRY(movie_place(m, i, d));
     return PVX_OK;
@@ -366,7 +366,7 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
         say_how_fast(&m);
     film_drop(&m.film);
     free_views(&m);
-    key_frames_fini(&m.path);
+    rec_key_frames_fini(&m.path);
     rec_room_free(&m.room);
     free(m.dense);
     free(m.image);

@@ -222,11 +222,7 @@ static int render_run(int argc, char **argv)
     pvx_pool_free(&pool);
     free_sources(&s);
     rec_rig_fini(&rig);
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "pyrovox: stopped\n");
-        return 130;
-    }
-    return e == PVX_OK ? 0 : cli_error(&d, e);
+    return cli_end(&d, e);
 }
 
 const struct cli_command cmd_render = {

@@ -9,7 +9,7 @@
 #include "base/cpu.h"
 #include "base/mem.h"
 #include "daemon/cli/common/cli.h"
-#include "daemon/cli/reconstruct/parts.h"
+#include "daemon/volumes/parts.h"
 #include "daemon/volumes/bricks.h"
 #include "daemon/volumes/join.h"
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "daemon/cli/common/arg.h"
-#include "daemon/cli/reconstruct/parts.h"
+#include "daemon/volumes/parts.h"
 #include "daemon/config/config.h"
 #include "daemon/volumes/volumes.h"
 

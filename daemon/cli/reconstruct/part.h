@@ -4,7 +4,7 @@
 #ifndef RECONSTRUCT_PART_H
 #define RECONSTRUCT_PART_H
 #include "daemon/cli/common/frames_in.h"
-#include "daemon/cli/reconstruct/parts.h"
+#include "daemon/volumes/parts.h"
 #include "daemon/cli/reconstruct/options.h"
 #include "daemon/cli/reconstruct/volumes_out.h"
 

@@ -1,7 +1,7 @@
 /* slurm.h - submit the parts of a recording to Slurm as a job array, and a job that joins them afterwards. */
 #ifndef RECONSTRUCT_SLURM_H
 #define RECONSTRUCT_SLURM_H
-#include "daemon/cli/reconstruct/parts.h"
+#include "daemon/volumes/parts.h"
 
 /* Writes OUT.parts/job.sh and submits it with sbatch: all parts, or with `resume` those that are neither done nor running.
  * argv: the command as it was typed.  options: more options for sbatch, or NULL.  Prints the numbers of the jobs.

@@ -1,4 +1,4 @@
-#include "daemon/cli/reconstruct/parts.h"
+#include "daemon/volumes/parts.h"
 
 #include <cjson/cJSON.h>
 #include <errno.h>
@@ -77,7 +77,7 @@ static bool is_number(const cJSON *v, double lo, double hi)
 }
 
 /* (ranges) back; NULL: they are none, or not ascending. */
-static uint32_t *reconstruct_numbers(const cJSON *all, size_t *n)
+static uint32_t *parts_numbers(const cJSON *all, size_t *n)
 {
     const cJSON *run;
     double last = -1, sets = 0;
@@ -116,8 +116,8 @@ static pvx_err read_job(const cJSON *o, struct parts_job *j, const char *path, s
                         "that version, or name another --out",
                         path, software != NULL ? software : "unknown");
     if (version == NULL || !is_number(n, 1, PARTS_MAX) || rig == NULL || options == NULL ||
-        (j->number =
-             reconstruct_numbers(cJSON_GetObjectItemCaseSensitive(o, "sets"), &j->n_sets)) == NULL)
+        (j->number = parts_numbers(cJSON_GetObjectItemCaseSensitive(o, "sets"), &j->n_sets)) ==
+            NULL)
         return pvx_fail(d, PVX_EFORMAT, "%s: is damaged, or not a job of `pyrovox reconstruct`",
                         path);
     j->n = (unsigned)n->valuedouble;
@@ -174,8 +174,8 @@ static void other_line(const char *a, const char *b, char *out, size_t size)
 }
 
 /* One line that names what is not as it was. */
-static pvx_err reconstruct_compare(const struct parts_job *was, const struct parts_job *j,
-                                   struct pvx_diag *d)
+static pvx_err parts_compare(const struct parts_job *was, const struct parts_job *j,
+                             struct pvx_diag *d)
 {
     char old[120], new[120];
     if (strcmp(was->software, SOFTWARE) != 0)
@@ -235,7 +235,7 @@ pvx_err parts_begin(const struct parts_job *j, struct pvx_diag *d)
         e = parts_load(j->out, &was, d);
     if (e != PVX_OK)
         return e;
-    e = reconstruct_compare(&was, j, d);
+    e = parts_compare(&was, j, d);
     parts_free(&was);
     return e;
 }
@@ -260,7 +260,7 @@ struct part {
 };
 
 /* Test the lock without taking it, which could disturb another process. */
-static bool reconstruct_is_held(const struct parts_job *j, unsigned i)
+static bool parts_is_held(const struct parts_job *j, unsigned i)
 {
     char path[PATH_ROOM];
     struct flock l = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
@@ -273,13 +273,13 @@ static bool reconstruct_is_held(const struct parts_job *j, unsigned i)
     return held;
 }
 
-static void reconstruct_copy_text(const cJSON *o, const char *key, char *out, size_t size)
+static void parts_copy_text(const cJSON *o, const char *key, char *out, size_t size)
 {
     const char *text = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));
     snprintf(out, size, "%s", text != NULL ? text : "");
 }
 
-static double reconstruct_number_of(const cJSON *o, const char *key)
+static double parts_number_of(const cJSON *o, const char *key)
 {
     const cJSON *v = cJSON_GetObjectItemCaseSensitive(o, key);
     return is_number(v, 0, 9e15) ? v->valuedouble : 0;
@@ -291,17 +291,17 @@ static void read_status(const cJSON *o, struct part_status *s)
     for (int k = PART_NONE; k <= PART_DONE && state != NULL; k++)
         if (strcmp(state, part_state_names[k]) == 0)
             s->state = (enum part_state)k;
-    s->done = (uint64_t)reconstruct_number_of(o, "done");
-    s->sets_per_s = reconstruct_number_of(o, "sets_per_s");
-    s->elapsed_s = reconstruct_number_of(o, "elapsed_s");
-    s->pid = (int64_t)reconstruct_number_of(o, "pid");
-    reconstruct_copy_text(o, "kernels", s->kernels, sizeof s->kernels);
-    reconstruct_copy_text(o, "host", s->host, sizeof s->host);
-    reconstruct_copy_text(o, "error", s->error, sizeof s->error);
+    s->done = (uint64_t)parts_number_of(o, "done");
+    s->sets_per_s = parts_number_of(o, "sets_per_s");
+    s->elapsed_s = parts_number_of(o, "elapsed_s");
+    s->pid = (int64_t)parts_number_of(o, "pid");
+    parts_copy_text(o, "kernels", s->kernels, sizeof s->kernels);
+    parts_copy_text(o, "host", s->host, sizeof s->host);
+    parts_copy_text(o, "error", s->error, sizeof s->error);
 }
 
 /* A power cut or a file server may lose data that was written. */
-static bool reconstruct_is_whole(const struct parts_job *j, unsigned i, uint64_t done)
+static bool parts_is_whole(const struct parts_job *j, unsigned i, uint64_t done)
 {
     char path[PATH_ROOM];
     vol_reader *r;
@@ -326,9 +326,9 @@ void parts_status(const struct parts_job *j, unsigned i, struct part_status *s)
     read_status(o, s);
     cJSON_Delete(o);
     free(text);
-    if (s->state == PART_RUNNING && !reconstruct_is_held(j, i))
+    if (s->state == PART_RUNNING && !parts_is_held(j, i))
         s->state = PART_DIED;
-    if (s->state == PART_DONE && !reconstruct_is_whole(j, i, s->done)) {
+    if (s->state == PART_DONE && !parts_is_whole(j, i, s->done)) {
         s->state = PART_FAILED;
         snprintf(s->error, sizeof s->error, "its file has changed since it was done");
     }
@@ -357,7 +357,7 @@ void part_begin(part *p, uint64_t done)
     part_say(p, PART_RUNNING, done, NULL);
 }
 
-static pvx_err reconstruct_parts_look(part *p, bool resume, bool *done, struct pvx_diag *d)
+static pvx_err parts_look(part *p, bool resume, bool *done, struct pvx_diag *d)
 {
     struct part_status s;
     parts_status(p->job, p->i, &s);
@@ -397,7 +397,7 @@ pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done
                 ? is_busy(j, i, d)
                 : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
     if (e == PVX_OK)
-        e = reconstruct_parts_look(p, resume, done, d);
+        e = parts_look(p, resume, done, d);
     if (e != PVX_OK)
         part_free(&p);
     *out = p;

@@ -8,8 +8,8 @@
  *   part-0003-of-0008.lock locked (a lock of the open file) while a process solves it
  * A part whose state is "running" but whose lock is free has died.  Clocks are not used: those of two nodes may differ.
  * Threads: one at a time. */
-#ifndef CLI_PARTS_H
-#define CLI_PARTS_H
+#ifndef VOL_PARTS_H
+#define VOL_PARTS_H
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>

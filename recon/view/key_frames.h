@@ -12,41 +12,43 @@
  * parabola through the key and its neighbours (Bessel), at the ends that of the chord.  So the speed does not jump,
  * and keys on a straight line at one speed give a straight path at one speed.
  * Threads: pure after loading. */
-#ifndef KEY_FRAMES_H
-#define KEY_FRAMES_H
+#ifndef REC_KEY_FRAMES_H
+#define REC_KEY_FRAMES_H
 #include <stddef.h>
 #include "base/err.h"
 #include "recon/geom/rig.h"
 
-#define KEY_FRAMES_MAX   10000
-#define KEY_PICTURES_MAX 1000000 /* of a film */
+#define REC_KEY_FRAMES_MAX   10000
+#define REC_KEY_PICTURES_MAX 1000000 /* of a film */
 
-struct key_frame {
+struct rec_key_frame {
     double t, eye[3], look_at[3], up[3], fov_deg;
 };
 
-struct key_frames {
-    size_t n; /* 2..KEY_FRAMES_MAX */
-    struct key_frame *key;
+struct rec_key_frames {
+    size_t n; /* 2..REC_KEY_FRAMES_MAX */
+    struct rec_key_frame *key;
 };
 
 /* `base`: what a key does not say (its look_at is the middle of the volume, or --look-at); rig: for `camera`,
  * may be NULL.  Errors: PVX_EFORMAT, PVX_ENOENT, PVX_ENOMEM with file, line and key; then *out is empty.
- * Owner: caller, until key_frames_fini. */
-PVX_MUST_CHECK pvx_err key_frames_load(const char *path, const struct key_frame *base,
-                                       const struct rec_rig *rig, struct key_frames *out,
-                                       struct pvx_diag *d);
+ * Owner: caller, until rec_key_frames_fini. */
+PVX_MUST_CHECK pvx_err rec_key_frames_load(const char *path, const struct rec_key_frame *base,
+                                           const struct rec_rig *rig, struct rec_key_frames *out,
+                                           struct pvx_diag *d);
 /* The same from memory (fuzzed). */
-PVX_MUST_CHECK pvx_err key_frames_parse(const char *text, size_t len, const char *name,
-                                        const struct key_frame *base, const struct rec_rig *rig,
-                                        struct key_frames *out, struct pvx_diag *d);
-void key_frames_fini(struct key_frames *k);
+PVX_MUST_CHECK pvx_err rec_key_frames_parse(const char *text, size_t len, const char *name,
+                                            const struct rec_key_frame *base,
+                                            const struct rec_rig *rig, struct rec_key_frames *out,
+                                            struct pvx_diag *d);
+void rec_key_frames_fini(struct rec_key_frames *k);
 
 /* Pictures from the first key to the last, both shown where fps (1..100) hits them. */
-size_t key_frames_pictures(const struct key_frames *k, int fps);
+size_t rec_key_frames_pictures(const struct rec_key_frames *k, int fps);
 
 /* The camera of picture i.  PVX_EINVAL: it stands in what it looks at, or looks along `up`; says when. */
-PVX_MUST_CHECK pvx_err key_frames_camera(const struct key_frames *k, size_t i, int fps, int32_t w,
-                                         int32_t h, struct rec_camera *out, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err rec_key_frames_camera(const struct rec_key_frames *k, size_t i, int fps,
+                                             int32_t w, int32_t h, struct rec_camera *out,
+                                             struct pvx_diag *d);
 
 #endif

@@ -1,4 +1,4 @@
-#include "daemon/cli/pictures/key_frames.h"
+#include "recon/view/key_frames.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -15,7 +15,7 @@ static const double pi = 3.14159265358979323846;
 struct reading {
     const pvx_yaml *y;
     const struct rec_rig *rig;
-    const struct key_frame *base;
+    const struct rec_key_frame *base;
     struct pvx_diag *d;
 };
 
@@ -37,7 +37,7 @@ static pvx_err key_frames_point(const struct reading *r, int map, const char *ke
 }
 
 /* The ideal camera that stands where that of the rig does. */
-static pvx_err of_rig(const struct reading *r, int node, const char *where, struct key_frame *k)
+static pvx_err of_rig(const struct reading *r, int node, const char *where, struct rec_key_frame *k)
 {
     const char *name = pvx_yaml_text(r->y, node);
     if (r->rig == NULL || r->rig->n_cameras == 0)
@@ -61,7 +61,7 @@ static pvx_err of_rig(const struct reading *r, int node, const char *where, stru
     return PVX_OK;
 }
 
-static pvx_err read_key(const struct reading *r, int map, size_t i, struct key_frame *k)
+static pvx_err read_key(const struct reading *r, int map, size_t i, struct rec_key_frame *k)
 {
     char where[32], full[48];
     snprintf(where, sizeof where, "keys[%zu]", i);
@@ -85,7 +85,7 @@ static pvx_err read_key(const struct reading *r, int map, size_t i, struct key_f
     return fov != 0 ? pvx_yaml_double(r->y, fov, full, 0.01, 175, &k->fov_deg, r->d) : PVX_OK;
 }
 
-static pvx_err read_keys(const struct reading *r, struct key_frames *out)
+static pvx_err read_keys(const struct reading *r, struct rec_key_frames *out)
 {
     int root = pvx_yaml_root(r->y), version = pvx_yaml_get(r->y, root, "version"),
         keys = pvx_yaml_get(r->y, root, "keys");
@@ -95,61 +95,62 @@ static pvx_err read_keys(const struct reading *r, struct key_frames *out)
         return pvx_yaml_fail(r->y, root, "version", PVX_EFORMAT, r->d, "is missing: version: 1");
     PVX_TRY(pvx_yaml_int(r->y, version, "version", 1, 1, &v, r->d));
     size_t n = pvx_yaml_length(r->y, keys);
-    if (pvx_yaml_kind(r->y, keys) != PVX_YAML_SEQ || n < 2 || n > KEY_FRAMES_MAX)
+    if (pvx_yaml_kind(r->y, keys) != PVX_YAML_SEQ || n < 2 || n > REC_KEY_FRAMES_MAX)
         return pvx_yaml_fail(r->y, keys != 0 ? keys : root, "keys", PVX_EFORMAT, r->d,
-                             "should be a list of 2 to %d cameras", KEY_FRAMES_MAX);
+                             "should be a list of 2 to %d cameras", REC_KEY_FRAMES_MAX);
     out->key = pvx_calloc(n, sizeof *out->key);
     if (out->key == NULL)
         return pvx_fail(r->d, PVX_ENOMEM, "no memory for key frames");
     for (out->n = 0; out->n < n; out->n++) {
         int map = pvx_yaml_item(r->y, keys, out->n);
-        struct key_frame *k = &out->key[out->n];
+        struct rec_key_frame *k = &out->key[out->n];
         PVX_TRY(read_key(r, map, out->n, k));
         if (out->n > 0 && !(k->t - k[-1].t >= 1e-3))
             return pvx_yaml_fail(r->y, map, "keys", PVX_EFORMAT, r->d,
                                  "t: %g is no millisecond after the %g before it", k->t, k[-1].t);
     }
-    if (out->key[n - 1].t - out->key[0].t > KEY_PICTURES_MAX / 100)
+    if (out->key[n - 1].t - out->key[0].t > REC_KEY_PICTURES_MAX / 100)
         return pvx_yaml_fail(r->y, keys, "keys", PVX_EFORMAT, r->d,
                              "%g seconds from first to last; %d at most",
-                             out->key[n - 1].t - out->key[0].t, KEY_PICTURES_MAX / 100);
+                             out->key[n - 1].t - out->key[0].t, REC_KEY_PICTURES_MAX / 100);
     return PVX_OK;
 }
 
-pvx_err key_frames_parse(const char *text, size_t len, const char *name,
-                         const struct key_frame *base, const struct rec_rig *rig,
-                         struct key_frames *out, struct pvx_diag *d)
+pvx_err rec_key_frames_parse(const char *text, size_t len, const char *name,
+                             const struct rec_key_frame *base, const struct rec_rig *rig,
+                             struct rec_key_frames *out, struct pvx_diag *d)
 {
     pvx_yaml *y = NULL;
-    *out = (struct key_frames){0};
+    *out = (struct rec_key_frames){0};
     PVX_TRY(pvx_yaml_parse(text, len, name, &y, d));
     struct reading r = {y, rig, base, d};
     pvx_err e = read_keys(&r, out);
     pvx_yaml_free(&y);
     if (e != PVX_OK)
-        key_frames_fini(out);
+        rec_key_frames_fini(out);
     return e;
 }
 
-pvx_err key_frames_load(const char *path, const struct key_frame *base, const struct rec_rig *rig,
-                        struct key_frames *out, struct pvx_diag *d)
+pvx_err rec_key_frames_load(const char *path, const struct rec_key_frame *base,
+                            const struct rec_rig *rig, struct rec_key_frames *out,
+                            struct pvx_diag *d)
 {
     char *text;
     size_t len;
-    *out = (struct key_frames){0};
+    *out = (struct rec_key_frames){0};
     PVX_TRY(pvx_file_read(path, 4 << 20, &text, &len, d));
-    pvx_err e = key_frames_parse(text, len, path, base, rig, out, d);
+    pvx_err e = rec_key_frames_parse(text, len, path, base, rig, out, d);
     free(text);
     return e;
 }
 
-void key_frames_fini(struct key_frames *k)
+void rec_key_frames_fini(struct rec_key_frames *k)
 {
     free(k->key);
-    *k = (struct key_frames){0};
+    *k = (struct rec_key_frames){0};
 }
 
-size_t key_frames_pictures(const struct key_frames *k, int fps)
+size_t rec_key_frames_pictures(const struct rec_key_frames *k, int fps)
 {
     return (size_t)((k->key[k->n - 1].t - k->key[0].t) * fps + 1e-6) + 1;
 }
@@ -158,7 +159,7 @@ size_t key_frames_pictures(const struct key_frames *k, int fps)
 
 enum { NUMBERS = 10 };
 
-static void key_frames_numbers(const struct key_frame *k, double v[NUMBERS])
+static void key_frames_numbers(const struct rec_key_frame *k, double v[NUMBERS])
 {
     memcpy(v, k->eye, sizeof k->eye);
     memcpy(v + 3, k->look_at, sizeof k->look_at);
@@ -167,7 +168,7 @@ static void key_frames_numbers(const struct key_frame *k, double v[NUMBERS])
 }
 
 /* d/dt at key i. */
-static void slope(const struct key_frames *k, size_t i, double out[NUMBERS])
+static void slope(const struct rec_key_frames *k, size_t i, double out[NUMBERS])
 {
     double before[NUMBERS], at[NUMBERS], after[NUMBERS];
     size_t a = i > 0 ? i - 1 : i, b = i + 1 < k->n ? i + 1 : i;
@@ -182,8 +183,8 @@ static void slope(const struct key_frames *k, size_t i, double out[NUMBERS])
     }
 }
 
-pvx_err key_frames_camera(const struct key_frames *k, size_t i, int fps, int32_t w, int32_t h,
-                          struct rec_camera *out, struct pvx_diag *d)
+pvx_err rec_key_frames_camera(const struct rec_key_frames *k, size_t i, int fps, int32_t w,
+                              int32_t h, struct rec_camera *out, struct pvx_diag *d)
 {
     double t = fmin(k->key[0].t + (double)i / fps, k->key[k->n - 1].t);
     size_t j = 0, end = k->n - 1; /* key[j].t <= t < key[end].t, or the last two */
