@@ -76,7 +76,7 @@ bad_arguments() {
     run "$pyrovox" matrix --rig "$rig" --grid 16x16; says 2 '--grid 16x16' || return 1
     run "$pyrovox" matrix --rig "$rig" --grid automatic; says 2 'should be auto, N or NX,NY,NZ' || return 1
     run "$pyrovox" matrix --rig "$rig" --grid 16,auto,16; says 2 'should be auto, N or NX,NY,NZ' || return 1
-    run "$pyrovox" matrix --rig "$rig" --basis cubic; says 2 'box or trilinear' || return 1
+    run "$pyrovox" matrix --rig "$rig" --basis cubic; says 2 'box, trilinear' || return 1
     run "$pyrovox" matrix --rig "$rig" --binning 7; says 1 'binning 7 does not divide the 80 x 60 image of camera left' || return 1
     run "$pyrovox" matrix --rig "$rig" --cameras left,middle; says 1 "no camera 'middle' in the rig; it has: left right" || return 1
     run "$pyrovox" matrix --rig "$rig" --out "$rig"; says 1 'left alone' || return 1

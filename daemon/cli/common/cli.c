@@ -46,7 +46,7 @@ bool cli_progress(void *ctx, double done)
     int tty = isatty(STDERR_FILENO);
     if (p->t0 == 0)
         p->t0 = pvx_now_mono();
-    double s = (double)(pvx_now_mono() - p->t0) * 1e-9;
+    double s = cli_seconds_since(p->t0);
     if (done < 1 && done - p->last < (tty ? 0.005 : 0.1))
         return !cli_stop;
     p->last = done;
@@ -62,6 +62,18 @@ bool cli_progress(void *ctx, double done)
         fprintf(stderr, "%s: %.0f %%, %.1f s\n", p->label, done * 100, s);
     }
     return !cli_stop;
+}
+
+double cli_seconds_since(int64_t t0)
+{
+    return (double)(pvx_now_mono() - t0) * 1e-9;
+}
+
+const char *cli_duration(double s, char out[32])
+{
+    bool min = s >= 120, h = s >= 7200;
+    snprintf(out, 32, "%.3g %s", h ? s / 3600 : min ? s / 60 : s, h ? "h" : min ? "min" : "s");
+    return out;
 }
 
 int cli_columns(int max)

@@ -7,6 +7,7 @@
 #define CLI_H
 #include <signal.h>
 #include <stdbool.h>
+#include <stdint.h>
 #include "base/err.h"
 
 struct cli_command {
@@ -31,9 +32,14 @@ struct cli_progress {
     const char *label;
     bool quiet; /* print nothing; Ctrl-C still stops the work */
     double last;
-    long long t0;
+    int64_t t0;
 };
 bool cli_progress(void *ctx, double done);
+
+/* Seconds since t0, a time of pvx_now_mono. */
+double cli_seconds_since(int64_t t0);
+/* "3.5 s", "12 min", "4 h". */
+const char *cli_duration(double seconds, char out[32]);
 
 /* Columns of the terminal on stdout, 40 to `max`; 100 when it is none. */
 int cli_columns(int max);

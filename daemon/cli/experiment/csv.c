@@ -77,9 +77,7 @@ static pvx_err csv_by_frame(const struct experiment *x, struct pvx_diag *d)
     fputs(",ms,voxels,bins\n", c.f);
     for (int g = 0; g < x->o->n_grids; g++)
         for (size_t i = 0; i < x->sets; i++) {
-            char key[64];
-            snprintf(key, sizeof key, "grid:%d:%06u", x->o->grids[g], x->in.number[x->set[i]]);
-            const double *v = experiment_state_find(&x->state, key);
+            const double *v = experiment_grid(x, g, i);
             if (v == NULL)
                 continue;
             fprintf(c.f, "%d,%u", x->o->grids[g], x->in.number[x->set[i]]);

@@ -43,8 +43,6 @@ struct experiment {
 PVX_MUST_CHECK pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d);
 /* Of this many voxels along the longest side, at the experiment's binning. */
 struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels);
-/* A rec_progress that ends at Ctrl-C. */
-bool experiment_go_on(void *ctx, double done);
 /* How many choices of `views` of the rig's cameras are measured, and the k-th: a mask. */
 size_t experiment_choices(const struct experiment *x, size_t views);
 uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k);
@@ -59,6 +57,10 @@ struct experiment_mean {
     size_t n;
 };
 struct experiment_mean experiment_mean_of(const struct experiment *x, const char *prefix);
+
+/* Values of frame i of `set` on grid g; NULL: not measured.  Their mean on that grid. */
+const double *experiment_grid(const struct experiment *x, int g, size_t i);
+struct experiment_mean experiment_grid_mean(const struct experiment *x, int g);
 
 /* What a solver did on the one frame; NULL: not measured.  Grids that this was done on, ascending: those of Figure 5 and
  * the experiment's own. */

@@ -16,9 +16,7 @@ double experiment_over_channels(const struct experiment *x, const double *v)
 
 static double grid_error(const struct experiment *x, int g, int what)
 {
-    char key[64];
-    snprintf(key, sizeof key, "grid:%d:", x->o->grids[g]);
-    struct experiment_mean m = experiment_mean_of(x, key);
+    struct experiment_mean m = experiment_grid_mean(x, g);
     return experiment_over_channels(x, m.mean + what);
 }
 
@@ -71,12 +69,8 @@ static void frames(const struct experiment *x, struct experiment_finding *f)
     size_t n = 0, better = 0;
     int last = x->o->n_grids - 1;
     for (size_t i = 0; i < x->sets; i++) {
-        char key[2][64];
-        unsigned frame = x->in.number[x->set[i]];
-        snprintf(key[0], sizeof key[0], "grid:%d:%06u", x->o->grids[0], frame);
-        snprintf(key[1], sizeof key[1], "grid:%d:%06u", x->o->grids[last], frame);
-        const double *a = figure(x, key[0]), *b = figure(x, key[1]);
-        if (!(a[EXPERIMENT_VOXELS] > 0) || !(b[EXPERIMENT_VOXELS] > 0))
+        const double *a = experiment_grid(x, 0, i), *b = experiment_grid(x, last, i);
+        if (a == NULL || b == NULL || !(a[EXPERIMENT_VOXELS] > 0) || !(b[EXPERIMENT_VOXELS] > 0))
             continue;
         n++;
         better += experiment_over_channels(x, b) < experiment_over_channels(x, a);

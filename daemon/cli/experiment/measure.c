@@ -57,12 +57,7 @@ uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k)
 
 /* ---- units ---- */
 
-bool experiment_go_on(void *ctx, double done)
-{
-    (void)ctx;
-    (void)done;
-    return !cli_stop;
-}
+static struct cli_progress silent = {.quiet = true}; /* only ends at Ctrl-C */
 
 struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels)
 {
@@ -72,7 +67,7 @@ struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t vox
                                           .matrix = x->matrix,
                                           .frame = x->params,
                                           .pool = x->pool,
-                                          .progress = {experiment_go_on, NULL}};
+                                          .progress = {cli_progress, &silent}};
 }
 
 pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
@@ -136,6 +131,20 @@ static bool measure_has(const struct experiment *x, const char *key)
 static void grid_key(const struct experiment *x, int g, size_t i, char *key, size_t size)
 {
     snprintf(key, size, "grid:%d:%06u", x->o->grids[g], x->in.number[x->set[i]]);
+}
+
+const double *experiment_grid(const struct experiment *x, int g, size_t i)
+{
+    char key[64];
+    grid_key(x, g, i, key, sizeof key);
+    return experiment_state_find(&x->state, key);
+}
+
+struct experiment_mean experiment_grid_mean(const struct experiment *x, int g)
+{
+    char key[64];
+    snprintf(key, sizeof key, "grid:%d:", x->o->grids[g]);
+    return experiment_mean_of(x, key);
 }
 
 static pvx_err one_grid(struct experiment *x, int g, struct pvx_diag *d)
@@ -330,7 +339,7 @@ static pvx_err all_grids(struct experiment *x, struct pvx_diag *d)
         PVX_TRY(one_grid(x, g, d));
     if (x->state.n > before && !x->o->quiet)
         fprintf(stderr, "figure 5: %zu volumes in %.1f s, pictures and matrices included\n",
-                x->state.n - before, (double)(pvx_now_mono() - t0) * 1e-9);
+                x->state.n - before, cli_seconds_since(t0));
     return PVX_OK;
 }
 

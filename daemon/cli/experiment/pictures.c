@@ -258,7 +258,8 @@ static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pv
     film.views = 24;
     film.width = 320;
     film.height = 240;
-    film.progress = experiment_go_on;
+    film.progress = cli_progress;
+    film.ctx = &(struct cli_progress){.quiet = true}; /* only ends at Ctrl-C */
     pictures_path_of(x, "fig9.apng", path, sizeof path);
     pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
     pictures_path_of(x, "fig9.png", path, sizeof path);

@@ -123,11 +123,8 @@ static pvx_err experiment_by_frame(const struct page *p)
         return PVX_ENOMEM;
     for (size_t g = 0; g < grids; g++) {
         for (size_t i = 0; i < n; i++) {
-            char key[64];
-            unsigned frame = x->in.number[x->set[i]];
-            snprintf(key, sizeof key, "grid:%d:%06u", x->o->grids[g], frame);
-            const double *u = experiment_state_find(&x->state, key);
-            v[i] = frame;
+            const double *u = experiment_grid(x, (int)g, i);
+            v[i] = x->in.number[x->set[i]];
             v[(g + 1) * n + i] =
                 u != NULL && u[EXPERIMENT_VOXELS] > 0 ? experiment_over_channels(x, u) : NAN;
         }

@@ -80,7 +80,7 @@ static pvx_err mark_sets(const struct reconstruct_look *l, struct silhouettes *s
         size_t bricks =
             rec_hull_bricks(hull, &l->params->hull, see->lit, see->believed, l->pool, brick);
         add_set(outline, brick, bricks, out);
-        out->seconds = (double)(pvx_now_mono() - t0) * 1e-9;
+        out->seconds = cli_seconds_since(t0);
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
     }

@@ -222,7 +222,7 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
     if (e == PVX_OK && (e = rec_fit_get(fit, 0, o->fit_margin, &box)) != PVX_OK)
         e = no_flame(in, box.sets, with_light, d);
     if (e == PVX_OK)
-        e = use_box(o, fit, &box, in->n, (double)(pvx_now_mono() - t0) * 1e-9, rig, d);
+        e = use_box(o, fit, &box, in->n, cli_seconds_since(t0), rig, d);
     if (e == PVX_OK && !o->quiet)
         say_left_out(&f);
     silhouettes_free(&f.see);

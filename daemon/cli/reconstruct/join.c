@@ -82,19 +82,12 @@ static double seam(const struct parts_job *j, unsigned i)
     return !ok ? -1 : all > 0 ? sqrt(off / all) : off > 0 ? INFINITY : 0;
 }
 
-static const char *duration(double s, char out[32])
-{
-    bool min = s >= 120, h = s >= 7200;
-    snprintf(out, 32, "%.3g %s", h ? s / 3600 : min ? s / 60 : s, h ? "h" : min ? "min" : "s");
-    return out;
-}
-
 static void say_part(unsigned i, const struct part_status *s, double off)
 {
     char took[32];
     printf("%5u  %-9s  %7llu of %-7llu  %8.1f  %9s  %s", i, part_state_names[s->state],
            (unsigned long long)s->done, (unsigned long long)s->sets, s->sets_per_s,
-           duration(s->elapsed_s, took), s->host);
+           cli_duration(s->elapsed_s, took), s->host);
     if (s->state == PART_RUNNING || s->state == PART_DIED)
         printf(", process %lld", (long long)s->pid);
     printf("%s%s\n", s->error[0] != '\0' ? ": " : "", s->error);
@@ -152,7 +145,7 @@ static void say_end(const struct sum *sum)
     double s = fmax(sum->slowest, sum->left / sum->rate);
     if (sum->running > 0 && isfinite(s))
         printf("running parts: %u, %.3g sets/s; the %.0f sets that are left take them %s\n",
-               sum->running, sum->rate, sum->left, duration(s, in));
+               sum->running, sum->rate, sum->left, cli_duration(s, in));
 }
 
 static void say_kernels(const struct sum *sum)
@@ -213,7 +206,7 @@ int reconstruct_join(const char *out)
     if (e == PVX_OK) {
         char took[32];
         printf("%s: %zu of %zu sets, %u of %u parts, in %s of all of them together", out,
-               j.n_sets - missing, j.n_sets, sum.done, j.n, duration(sum.elapsed, took));
+               j.n_sets - missing, j.n_sets, sum.done, j.n, cli_duration(sum.elapsed, took));
         if (sum.seam >= 0)
             printf("; at the seams volumes differ by %.2f %% at most", 100 * sum.seam);
         printf("\n");

@@ -103,11 +103,6 @@ static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
     printf("%-18s %016llx\n", "key", (unsigned long long)m->key);
 }
 
-static double matrix_seconds_since(int64_t t0)
-{
-    return (double)(pvx_now_mono() - t0) * 1e-9;
-}
-
 static int matrix_check(const char *path, pvx_pool *pool)
 {
     struct pvx_diag d = {""};
@@ -116,7 +111,7 @@ static int matrix_check(const char *path, pvx_pool *pool)
     pvx_err e = rec_sysmat_load(path, 0, true, pool, &m, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    double s = matrix_seconds_since(t0);
+    double s = cli_seconds_since(t0);
     print_matrix(m, NULL);
     printf("%-18s %.0f ms\n%s: sound\n", "checked in", s * 1e3, path);
     rec_sysmat_free(&m);
@@ -168,7 +163,7 @@ static int matrix_build(const struct options *o, const struct rec_rig *rig, pvx_
     }
     if (e != PVX_OK)
         return cli_error(&d, e);
-    double s = matrix_seconds_since(t0), saving = matrix_seconds_since(w.built);
+    double s = cli_seconds_since(t0), saving = cli_seconds_since(w.built);
     print_matrix(m, rig);
     if (m->cached) {
         printf("%-18s %.0f ms (found and verified, not built)\n", "cached, opened in", s * 1e3);
@@ -187,7 +182,7 @@ static int matrix_build(const struct options *o, const struct rec_rig *rig, pvx_
     e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log has said why it is not there */
     if (e != PVX_OK)
         return cli_error(&d, e);
-    printf("%-18s %.0f ms\n", "opened in", matrix_seconds_since(t0) * 1e3);
+    printf("%-18s %.0f ms\n", "opened in", cli_seconds_since(t0) * 1e3);
     rec_sysmat_free(&m);
     return 0;
 }

@@ -43,11 +43,6 @@ struct plan {
     int halved;
 };
 
-static double plan_seconds_since(int64_t t0)
-{
-    return (double)(pvx_now_mono() - t0) * 1e-9;
-}
-
 /* As far as the outline, its marks and what its matrix would take. */
 static pvx_err plan_look(struct plan *p, struct measure *m, const struct reconstruct_look *how,
                          struct pvx_diag *d)
@@ -57,7 +52,7 @@ static pvx_err plan_look(struct plan *p, struct measure *m, const struct reconst
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_sysmat_outline(&m->rig, &m->p, p->pool,
                                (struct rec_progress){cli_progress, &bricks}, &m->outline, d));
-    m->outline_s = plan_seconds_since(t0);
+    m->outline_s = cli_seconds_since(t0);
     PVX_TRY(frames_in_begin(p->in, m->p.binning, p->o->reading.mosaic, d));
     PVX_TRY(reconstruct_mark(how, m->outline, &m->seen, d));
     m->look_s = m->seen.seconds / (double)m->seen.sets;
@@ -98,7 +93,7 @@ static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_f
     pvx_err e = pvx_mkdirs(p->o->out, d);
     if (e == PVX_OK)
         e = dmn_volume_save(path, &meta, dense, d);
-    m->write_s = plan_seconds_since(t0);
+    m->write_s = cli_seconds_since(t0);
     unlink(path);
     unlink(json);
     return e;
@@ -126,7 +121,7 @@ static pvx_err write_recording(const struct plan *p, struct measure *m, const fl
         v.brick = store.brick;
         if (e == PVX_OK)
             e = vol_writer_put(w, &v, d);
-        m->write_s = plan_seconds_since(t0);
+        m->write_s = cli_seconds_since(t0);
     }
     pvx_err closing = vol_writer_close(&w, d);
     vol_store_free(&store);
@@ -153,11 +148,11 @@ static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struc
 {
     size_t n = m->seen.sets;
     int64_t begin = pvx_now_mono();
-    for (size_t k = 0; k < n && (k < 2 || plan_seconds_since(begin) < SOLVE_SECONDS); k++) {
+    for (size_t k = 0; k < n && (k < 2 || cli_seconds_since(begin) < SOLVE_SECONDS); k++) {
         int64_t t0 = pvx_now_mono();
         rec_frame_reset(f);
         (void)frames_in_load_frame(p->in, reconstruct_spread(k, p->in->n), f);
-        m->read_s += plan_seconds_since(t0);
+        m->read_s += cli_seconds_since(t0);
         rec_frame_carve(f);
         PVX_TRY(rec_frame_solve(f, 0, NULL));
         const struct rec_frame_report *r = rec_frame_get_report(f);
@@ -182,7 +177,7 @@ static pvx_err plan_solve(struct plan *p, struct measure *m, struct pvx_diag *d)
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_sysmat_build_active(&m->rig, &m->outline, p->pool,
                                     (struct rec_progress){cli_progress, &bar}, &m->S, d));
-    m->build_s = plan_seconds_since(t0);
+    m->build_s = cli_seconds_since(t0);
     PVX_TRY(rec_frame_alone(m->S, &m->rig, p->params, p->pool, &f, d));
     pvx_err e = solve_sets(p, m, f, d);
     rec_frame_free(&f);
@@ -234,26 +229,17 @@ static void plan_add_up(const struct plan *p, const struct reconstruct_need *nee
                                : "measured");
 }
 
-static void say_time(double seconds)
-{
-    if (seconds < 120)
-        printf("%.3g s", seconds);
-    else if (seconds < 7200)
-        printf("%.3g min", seconds / 60);
-    else
-        printf("%.3g h", seconds / 3600);
-}
-
 static void say_nodes(const struct plan *p, double once, double each)
 {
+    char takes[32];
     double sets = (double)p->in->n, hours = p->o->plan_hours;
     if (hours <= 0)
         return;
     double left = hours * 3600 - once;
     if (left < each) {
-        printf("in %g h: no number of machines like this one can do it, each needs ", hours);
-        say_time(once + each);
-        printf(" for a single set\n");
+        printf("in %g h: no number of machines like this one can do it, each needs %s for a single "
+               "set\n",
+               hours, cli_duration(once + each, takes));
         return;
     }
     double of_each = floor(left / each), nodes = ceil(sets / of_each);
@@ -267,6 +253,7 @@ static void plan_print(const struct plan *p, const struct reconstruct_need *need
     const struct measure *f = &p->full;
     const struct rec_grid *g = &f->rig.grid;
     struct stage s[STAGES];
+    char takes[32];
     double once = 0, each = 0, sets = (double)p->in->n;
     double disk = sets * (double)rec_grid_count(g) * p->params->nch * sizeof(float);
     plan_add_up(p, need, whole, s);
@@ -287,10 +274,10 @@ static void plan_print(const struct plan *p, const struct reconstruct_need *need
         printf("%-14s %10.3g %10.3g %10s  %s\n", s[i].name, s[i].once, s[i].each, gb, s[i].from);
     }
     printf("%-14s %10.3g %10.3g\n\n", "", once, each);
-    printf("here: ");
-    say_time(once + each * sets);
-    printf(", one stage after the other; with enough processors the pipeline does them at the "
-           "same time\n");
+    printf(
+        "here: %s, one stage after the other; with enough processors the pipeline does them at the "
+        "same time\n",
+        cli_duration(once + each * sets, takes));
     printf("memory: %s %.2f GB%s\n", whole ? "about" : "at most", need->most * 1e-9 + 0.005,
            f->seen.sets < p->in->n ? ", if the other sets have flame in the same place" : "");
     printf("disk: %s%.3g GB of volumes (float, %d channel%s)%s\n",
