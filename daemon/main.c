@@ -43,7 +43,7 @@ struct daemon {
 
 static const char doc[] =
     "Reconstruct a flame from the cameras of a rig, live, and publish one volume per frame set.\v"
-    "The configuration says which rig, which cameras and how; five lines are enough:\n"
+    "The configuration gives the rig, the cameras and the settings.  Three lines are enough:\n"
     "  rig: rig.yaml\n"
     "  cameras: \"aravis:192.168.10.11+\"\n"
     "  fps: 20\n\n"
@@ -51,14 +51,14 @@ static const char doc[] =
     "  pyrovoxd --config pyrovoxd.yaml --check-config\n"
     "  pyrovoxd --print-config > pyrovoxd.yaml     every key, explained\n"
     "  pyrovoxd --config pyrovoxd.yaml\n\n"
-    "`pyrovox status` and `pyrovox top` show how it does; SIGTERM or Ctrl-C ends it.";
+    "`pyrovox status` and `pyrovox top` show its state.  SIGTERM or Ctrl-C ends it.";
 
 static const struct argp_option options[] = {
     {"config", 'c', "FILE", 0, "Configuration, default /etc/pyrovox/pyrovoxd.yaml", 0},
-    {"check-config", 'k', NULL, 0, "Read configuration and rig, say what is wrong, exit", 0},
+    {"check-config", 'k', NULL, 0, "Check configuration and rig, report errors, exit", 0},
     {"print-config", 'p', NULL, 0,
-     "Print every key with its value and meaning, exit; without --config the defaults", 0},
-    {"log-level", 'l', "LEVEL", 0, "error, warn, info or debug; overrides the configuration", 0},
+     "Print every key with its value and meaning, exit. Without --config: the defaults", 0},
+    {"log-level", 'l', "LEVEL", 0, "error, warn, info or debug. Overrides the configuration", 0},
     {0}};
 
 static error_t daemon_main_parse(int key, char *arg, struct argp_state *state)
@@ -184,7 +184,7 @@ static pvx_err control_reload_keys(void *ctx, struct pvx_diag *d)
     struct daemon *dm = ctx;
     return dm->auth != NULL ? pvp_auth_reload(dm->auth, d)
                             : pvx_fail(d, PVX_ENOENT,
-                                       "there are no keys to read again: the "
+                                       "there are no keys to read again, because the "
                                        "configuration has no keys.server");
 }
 
@@ -226,7 +226,7 @@ static void read_keys_again(pvp_auth *auth)
     }
     pvx_err e = pvp_auth_reload(auth, &d);
     if (e == PVX_OK)
-        LOG_I(DAEMON, "keys: read again; %zu may come in", pvp_auth_clients(auth));
+        LOG_I(DAEMON, "keys: read again, clients listed: %zu", pvp_auth_clients(auth));
     else
         LOG_E(DAEMON, "keys stay as they were: %s", pvx_diag_text(&d, e));
 }
@@ -363,7 +363,7 @@ static int daemon_main_run(const struct dmn_config *cfg)
     const char *open;
     pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
     if (e == PVX_OK && open != NULL)
-        LOG_W(DAEMON, "%s is open to all who reach it (insecure: true)", open);
+        LOG_W(DAEMON, "%s is open to every host that reaches it (insecure: true)", open);
     if (e == PVX_OK)
         e = dmn_keys_open(cfg, &dm.auth, &d);
     if (e == PVX_OK)
@@ -459,9 +459,10 @@ int main(int argc, char **argv)
     const struct argp argp = {.options = options, .parser = daemon_main_parse, .doc = doc};
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
-    /* One heap for all threads.  A camera that comes back brings threads, and libc gives a new thread a heap of its own, up
-     * to eight per processor: each finds its size (megabytes of GenICam) before any room is used again, so that a daemon
-     * whose cameras are often away grew for days.  The frame path allocates nothing: nobody waits for another here. */
+    /* One heap for all threads.  A camera that comes back starts threads, and libc gives a new thread a heap of its own, up
+     * to eight per processor.  Each heap would grow to its size (megabytes of GenICam) before libc uses free room again.
+     * Then a daemon whose cameras are often away grows for days.  The frame path allocates nothing, so threads do not wait
+     * for each other here. */
     mallopt(M_ARENA_MAX, 1);
     static struct dmn_config cfg;
     struct pvx_diag d = {0};

@@ -5,7 +5,7 @@
 
 #include "proto/fields.h"
 
-#define WIRE_TYPES (PVP_PREVIEW / 100)
+#define WIRE_TYPES 32 /* types 100 to 3200 have a count */
 
 struct pvp_encoder {
     struct pvp_grid grid;

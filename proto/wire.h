@@ -44,12 +44,8 @@ static inline uint32_t wire_load32(const uint8_t *p)
 {
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
-static inline uint64_t wire_load64(const uint8_t *p)
-{
-    return (uint64_t)wire_load32(p) | (uint64_t)wire_load32(p + 4) << 32;
-}
 
-/* Writes the fields of a message, or reads them: who says their order says it for both. */
+/* Writes the fields of a message, or reads them.  One function gives their order for both. */
 struct wire {
     uint8_t *out;
     const uint8_t *in; /* [len]; NULL = writes */
@@ -72,32 +68,33 @@ static inline uint8_t *wire_write(struct wire *w, size_t n)
     w->at += n;
     return w->out + w->at - n;
 }
+/* A number of n bytes, the lowest first. */
+static inline void wire_uint(struct wire *w, uint64_t *v, size_t n)
+{
+    uint8_t *to = w->in == NULL ? wire_write(w, n) : NULL;
+    const uint8_t *from = w->in == NULL ? NULL : wire_read(w, n);
+    for (size_t i = 0; to != NULL && i < n; i++)
+        to[i] = (uint8_t)(*v >> 8 * i);
+    if (to == NULL)
+        *v = 0;
+    for (size_t i = 0; from != NULL && i < n; i++)
+        *v |= (uint64_t)from[i] << 8 * i;
+}
 static inline void wire_u16(struct wire *w, uint32_t *v)
 {
-    if (w->in == NULL) {
-        wire_store16(wire_write(w, 2), *v);
-        return;
-    }
-    const uint8_t *p = wire_read(w, 2);
-    *v = p != NULL ? wire_load16(p) : 0;
+    uint64_t u = *v;
+    wire_uint(w, &u, 2);
+    *v = (uint32_t)u;
 }
 static inline void wire_u32(struct wire *w, uint32_t *v)
 {
-    if (w->in == NULL) {
-        wire_store32(wire_write(w, 4), *v);
-        return;
-    }
-    const uint8_t *p = wire_read(w, 4);
-    *v = p != NULL ? wire_load32(p) : 0;
+    uint64_t u = *v;
+    wire_uint(w, &u, 4);
+    *v = (uint32_t)u;
 }
 static inline void wire_u64(struct wire *w, uint64_t *v)
 {
-    if (w->in == NULL) {
-        wire_store64(wire_write(w, 8), *v);
-        return;
-    }
-    const uint8_t *p = wire_read(w, 8);
-    *v = p != NULL ? wire_load64(p) : 0;
+    wire_uint(w, v, 8);
 }
 static inline void wire_i64(struct wire *w, int64_t *v)
 {

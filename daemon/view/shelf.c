@@ -132,11 +132,6 @@ uint64_t view_shelf_number(const view_shelf *s, enum view_slot slot)
     return s->slot[slot].m.len > 0 ? s->slot[slot].m.number : 0;
 }
 
-uint64_t view_shelf_session(const view_shelf *s)
-{
-    return s->session;
-}
-
 pvx_err view_shelf_get(view_shelf *s, enum view_slot slot, bool small, struct view_msg *out,
                        struct pvx_diag *d)
 {

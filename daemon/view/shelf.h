@@ -40,7 +40,6 @@ PVX_MUST_CHECK pvx_err view_shelf_put_text(view_shelf *s, enum view_slot slot, c
                                            struct pvx_diag *d);
 /* Numbers only: of the slot's newest. */
 uint64_t view_shelf_number(const view_shelf *s, enum view_slot slot);
-uint64_t view_shelf_session(const view_shelf *s);
 /* The newest; borrowed until the next put.  small: a volume is packed, whatever it costs. */
 PVX_MUST_CHECK pvx_err view_shelf_get(view_shelf *s, enum view_slot slot, bool small,
                                       struct view_msg *out, struct pvx_diag *d);

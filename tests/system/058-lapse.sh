@@ -276,7 +276,7 @@ print(s.getsockname()[1], flush=True); time.sleep(3000)' # who holds it without 
     check reads wait_for have 3
     { cat "$dir/next.key" > "$dir/new" && chmod 600 "$dir/new" && mv "$dir/new" "$dir/lab.key"; } || return 1
     kill -HUP "$daemon"
-    check read-again wait_for grep -q 'keys: read again; 1 may come in' "$dir/keys.log"
+    check read-again wait_for grep -q 'keys: read again, clients listed: 1' "$dir/keys.log"
     check the-old-one-is-put-out wait_for gone "$anna"
     kill "$anna" 2> "$dir/null"
     check and-has-failed ended "$anna" 1
