@@ -52,9 +52,15 @@ static void pictures(void)
     }
 }
 
-static void begin(void)
+static pvx_err written(const struct calibrate_result *r, const char *name, char **text, size_t *len)
 {
     struct pvx_diag d = {""};
+    pvx_err e = calibrate_write_report(at("%s", name), calibrate_json, calibrate_html, r, &d);
+    return e == PVX_OK ? pvx_file_read(at("%s", name), 4 << 20, text, len, &d) : e;
+}
+
+static void begin(void)
+{
     plugins_of_this_build();
     scratch_new();
     bv_init(&s, 8, true);
@@ -76,9 +82,8 @@ static void begin(void)
                                        .look = &look,
                                        .report = &solved.report,
                                        .rig = &solved.rig};
-    if (calibrate_html(&result, &page, &page_len) != PVX_OK ||
-        calibrate_json(&result, &json, &json_len, &d) != PVX_OK ||
-        calibrate_write_report(&result, at("report.html"), &d) != PVX_OK)
+    if (written(&result, "report.html", &page, &page_len) != PVX_OK ||
+        written(&result, "report.json", &json, &json_len) != PVX_OK)
         exit(1);
 }
 
@@ -188,15 +193,13 @@ T_CASE(without_a_rig)
 {
     struct calibrate_result r = result;
     struct rec_calib_report none = {0};
-    struct pvx_diag d = {""};
     r.report = &none;
     r.rig = NULL;
     r.failure = "cam<7>: the board is in none of its pictures";
-    T_EQ_I(calibrate_write_report(&r, at("none.html"), &d), PVX_OK);
-    T_EQ_I(parsed(at("none.html")), 0);
     char *text;
     size_t len;
-    T_EQ_I(pvx_file_read(at("none.html"), 4 << 20, &text, &len, &d), PVX_OK);
+    T_EQ_I(written(&r, "none.html", &text, &len), PVX_OK);
+    T_EQ_I(parsed(at("none.html")), 0);
     T_CONTAINS(text, "cam&lt;7&gt;: the board");
     T_CONTAINS(text, "No rig");
     T_CONTAINS(text, "reason 0");

@@ -17,12 +17,13 @@
 #include "daemon/config/endpoints.h"
 
 static const char doc[] =
-    "The mean of pictures without a flame, which is subtracted from those with one.\v"
+    "Take the mean of pictures without a flame. It is subtracted from pictures with one.\v"
     "From pictures, into a folder for `pyrovox reconstruct --background` with the same rig:\n"
     "  pyrovox calibrate background --rig rig.yaml --frames empty.h5 --out background\n"
-    "In a running daemon, from its next sets on until it ends, or until --sets 0:\n"
+    "In a running daemon, from its next sets, until it ends or until --sets 0:\n"
     "  pyrovox calibrate background --live --sets 64\n"
-    "Refused when something moves in it: the flame is still there.";
+    "\n"
+    "It is refused if something moves in it: the flame is still there.";
 
 enum { OPT_LIVE = 0xa00, OPT_SETS, OPT_CONTROL, OPT_KEY };
 
@@ -62,7 +63,7 @@ static pvx_err await(const struct args *a, double number, struct pvx_diag *d)
         double sets = ask_num(is, "sets", NULL), have = ask_num(is, "have", NULL);
         pvx_err e = PVX_ETIMEDOUT; /* not yet */
         if (ask_num(is, "request", NULL) != number)
-            e = pvx_fail(d, PVX_EBUSY, "somebody else asked for another background meanwhile");
+            e = pvx_fail(d, PVX_EBUSY, "another client asked for another background meanwhile");
         else if (strcmp(state, "done") == 0)
             e = PVX_OK;
         else if (strcmp(state, "taking") != 0)

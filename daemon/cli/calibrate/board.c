@@ -31,27 +31,27 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Draw a calibration board in true size, to print.\vSPEC, lengths in metres (or \"30mm\"):\n"
-    "  charuco:8x11:0.03:0.022      squares across x down, square, marker; also seen in part: the "
-    "one to take\n"
-    "  aprilgrid:6x6:0.03:0.009     markers across x down, marker, gap\n"
-    "  chessboard:9x6:0.025         inner corners across x down, square; must be seen whole\n"
-    "Then any of, each after a colon: a dictionary of OpenCV (5X5_100, 36h11), two-sided, "
-    "thickness=0.003 (two-sided, of that thickness), inverted (white on black), legacy (charuco of "
-    "even rows as OpenCV before 4.6 drew them).\n"
-    "\n"
-    "How large: a square should be 20 pixels or more in every camera, the board a third of the "
-    "picture or more. Cameras all around see it better when it has two sides: a print on each face "
-    "of one flat, stiff, matt plate, about 3 mm thick. The back is the front mirrored, so that "
-    "equal corners lie behind each other.\n"
-    "\n"
-    "After printing, measure the ruler on the sheet: 100.0 mm, or the printer has scaled it. Paper "
-    "on cardboard bends; on aluminium or glass it does not.\n"
-    "\n"
-    "Examples:\n"
+    "Draw a calibration board in true size, to print.\v"
     "  pyrovox calibrate board charuco:8x11:0.03:0.022 --out board.pdf\n"
     "  pyrovox calibrate board charuco:6x8:0.03:0.022 --two-sided --page A4 --out board.pdf\n"
-    "  pyrovox calibrate board chessboard:9x6:25mm --out board.svg";
+    "  pyrovox calibrate board chessboard:9x6:25mm --out board.svg\n"
+    "\n"
+    "SPEC, lengths in metres (or \"30mm\"):\n"
+    "  charuco:8x11:0.03:0.022      squares across x down, square, marker; a part of it is enough: "
+    "take this one\n"
+    "  aprilgrid:6x6:0.03:0.009     markers across x down, marker, gap\n"
+    "  chessboard:9x6:0.025         inner corners across x down, square; must be seen whole\n"
+    "Then any of these, each after a colon: a dictionary of OpenCV (5X5_100, 36h11), two-sided, "
+    "thickness=0.003 (of a two-sided board), inverted (white on black), legacy (charuco of even "
+    "rows as OpenCV before 4.6 drew it).\n"
+    "\n"
+    "Size: a square should have 20 pixels or more in every camera, and the board a third of the "
+    "picture or more. If cameras stand all around, take two sides: a print on each face of one "
+    "flat, stiff, matt plate, about 3 mm thick. The back is the front mirrored, so that equal "
+    "corners lie behind each other.\n"
+    "\n"
+    "After printing, measure the ruler on the sheet. It must have 100.0 mm, else the printer has "
+    "scaled it. Paper on cardboard bends. Paper on aluminium or glass does not.";
 
 static error_t board_parse_opt(int key, char *arg, struct argp_state *st)
 {

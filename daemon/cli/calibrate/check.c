@@ -23,19 +23,18 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Does a flame agree with the rig?  Each camera is compared with the volume that the others "
-    "make "
-    "of the flame.\v"
-    "Names the camera that is wrong and how: dark, flooded, moved (by how many pixels, which way), "
-    "mirrored, late, blurred, of another gain.  At least four cameras and a flame that moves; the "
-    "more frame sets, the surer.\n"
-    "displaced: from where the others see its flame to where it has it; turned: clockwise; size: "
-    "larger is nearer; agrees: correlation, 1 is perfect; residual: of what the others make of its "
-    "picture.\n"
-    "Exit code 0: all agree; 1: one is wrong, or it could not be judged.\n"
+    "Compare each camera with the volume that the other cameras make of a flame.\v"
     "  pyrovox calibrate check --rig rig.yaml --frames take.h5 --report check.html\n"
-    "A camera that moved: `pyrovox calibrate refine` corrects it by the flame, `pyrovox calibrate "
-    "live --keep rig.yaml --recover CAMERA` by a board.";
+    "\n"
+    "Names the camera that is wrong and how: dark, flooded, moved (by how many pixels, which way), "
+    "mirrored, late, blurred, of another gain. Needs at least four cameras and a flame that moves. "
+    "More frame sets make it surer.\n"
+    "displaced: from where the others see its flame to where the camera has it. turned: clockwise. "
+    "size: larger is nearer. agrees: correlation, 1 is perfect. residual: share of what the others "
+    "make of its picture.\n"
+    "Exit code 0: all agree. 1: one is wrong, or nothing can be judged.\n"
+    "A camera that moved is corrected by the flame (`pyrovox calibrate refine`) or by a board "
+    "(`pyrovox calibrate live --keep rig.yaml --recover CAMERA`).";
 
 static error_t check_parse_opt(int key, char *arg, struct argp_state *st)
 {
@@ -63,7 +62,7 @@ static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong
     static struct rec_check_verdict verdict; /* large */
     struct check_result r = {a->sets.rig, a->sets.frames, s, NULL, &verdict};
     for (size_t i = 0; i < a->n_reports; i++)
-        PVX_TRY(calibrate_report_possible(a->report[i], d));
+        PVX_TRY(calibrate_report_possible(a->report[i], true, d));
     PVX_TRY(flame_sets_load(s, &a->sets, d));
     PVX_TRY(rec_check_new(&s->rig, &s->params, s->pool, &r.check, d));
     struct rec_check_source from = flame_sets_source(s, "check");
@@ -74,7 +73,7 @@ static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong
         *wrong = verdict.outcome != REC_CHECK_AGREES;
     }
     for (size_t i = 0; i < a->n_reports && e == PVX_OK; i++)
-        e = check_write(&r, a->report[i], d);
+        e = calibrate_write_report(a->report[i], check_json, check_html, &r, d);
     rec_check_free(&r.check);
     return e;
 }

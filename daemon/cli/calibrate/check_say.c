@@ -1,18 +1,9 @@
 #include "daemon/cli/calibrate/check_say.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/file.h"
-
 #define DEGREES 57.29577951308232
-
-static bool check_say_ends_in(const char *path, const char *ext)
-{
-    size_t n = strlen(path), m = strlen(ext);
-    return n > m && strcmp(path + n - m, ext) == 0;
-}
 
 void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTENCE])
 {
@@ -75,7 +66,7 @@ static void check_say_put_camera(struct dmn_json *j, const struct check_result *
     dmn_json_close(j, '}');
 }
 
-static void check_say_fill(struct dmn_json *j, const void *ctx)
+void check_json(struct dmn_json *j, const void *ctx)
 {
     const struct check_result *r = ctx;
     char text[CHECK_SENTENCE];
@@ -94,21 +85,4 @@ static void check_say_fill(struct dmn_json *j, const void *ctx)
         check_say_put_camera(j, r, c);
     dmn_json_close(j, ']');
     dmn_json_close(j, '}');
-}
-
-pvx_err check_write(const struct check_result *r, const char *path, struct pvx_diag *d)
-{
-    char *text = NULL;
-    size_t len = 0;
-    FILE *f = open_memstream(&text, &len);
-    if (f == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "%s: no memory", path);
-    pvx_err e = check_say_ends_in(path, ".json") ? dmn_json_print(f, check_say_fill, r, d)
-                                                 : check_html(f, r);
-    if (fclose(f) != 0 && e == PVX_OK)
-        e = pvx_fail(d, PVX_ENOMEM, "%s: no memory", path);
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
-    free(text);
-    return e;
 }

@@ -1,4 +1,4 @@
-/* check_say.h - what a check found, for people and programs. */
+/* check_say.h - the result of a check as text, JSON and a page. */
 #ifndef CHECK_SAY_H
 #define CHECK_SAY_H
 #include <stdio.h>
@@ -20,10 +20,8 @@ void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTE
 void check_conclusion(const struct check_result *r, char out[CHECK_SENTENCE]);
 /* On stdout: a line per camera, then the sentences. */
 void check_print(const struct check_result *r);
-/* FILE.html or FILE.json, there whole or not at all; an older one is replaced. */
-PVX_MUST_CHECK pvx_err check_write(const struct check_result *r, const char *path,
-                                   struct pvx_diag *d);
-/* The page; report/check.c.  Errors: those of rec_check_look. */
-PVX_MUST_CHECK pvx_err check_html(FILE *f, const struct check_result *r);
+/* The report of a struct check_result; page/check.c.  Errors: those of rec_check_look. */
+void check_json(struct dmn_json *j, const void *result);
+PVX_MUST_CHECK pvx_err check_html(FILE *f, const void *result);
 
 #endif

@@ -1,5 +1,4 @@
-/* choose.h - what of the pictures and of an older rig a calibration takes: some of the frames, and one
- * camera among others that stay. */
+/* choose.h - which pictures a calibration uses, and which cameras of an older rig stay as they are. */
 #ifndef DMN_CALIBRATE_CHOOSE_H
 #define DMN_CALIBRATE_CHOOSE_H
 #include "daemon/cli/calibrate/look.h"

@@ -7,13 +7,14 @@
 #include "daemon/cli/calibrate/light.h"
 
 static const char doc[] =
-    "Every camera's colours made those of one camera, into rig.yaml.\v"
-    "A --frames for each of 3 colours or more that fill the middle of all pictures, far from each "
-    "other (red, green, blue filters before the even source):\n"
+    "Make every camera's colours those of one camera, by a matrix in rig.yaml.\v"
     "  pyrovox calibrate colour --rig rig4.yaml --frames red.h5 --frames green.h5 --frames blue.h5 "
     "--out rig5.yaml\n"
-    "After gain, which stays as it is. Only for colour cameras whose bins have three channels "
-    "each; Bayer pixels as rays have not.";
+    "\n"
+    "Give --frames for each of 3 colours or more that fill the middle of all pictures, far from "
+    "each other. Red, green and blue filters before the even source will do.\n"
+    "Do this after gain, which does not change. It is only for colour cameras whose bins have "
+    "three channels, not for Bayer pixels as rays.";
 
 struct colour_args {
     struct calibrate_light_args light;

@@ -8,12 +8,15 @@
 #include "daemon/cli/calibrate/light.h"
 
 static const char doc[] =
-    "The mean of dark pictures per camera, with hot and dead pixels marked, into rig.yaml.\v"
-    "Caps on, exposure, gain and temperature as for the flame; 16 pictures or more:\n"
+    "Measure the mean of dark pictures per camera, mark hot and dead pixels, and write both into "
+    "rig.yaml.\v"
     "  pyrovox calibrate dark --rig rig.yaml --frames darks.h5 --out rig2.yaml\n"
-    "A dark is subtracted from each picture; marked pixels are left out. It holds for its own "
-    "exposure, gain and temperature (5 degrees): takes of others are refused. Every camera of the "
-    "rig that has pictures gets one.";
+    "\n"
+    "Put the caps on. Exposure, gain and temperature must be those of the flame. Take 16 pictures "
+    "or more.\n"
+    "A dark is subtracted from each picture, and marked pixels are left out. It holds for its "
+    "exposure, gain and temperature (5 degrees): other takes are refused. Every camera of the rig "
+    "that has pictures gets a dark.";
 
 static pvx_err dark_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *pic,
                         size_t m, struct pvx_diag *d)
@@ -40,7 +43,7 @@ static pvx_err dark_one(struct calibrate_light *l, size_t c, const struct rec_li
     p->gain_db = p->has_gain ? s->gain : 0;
     p->has_temperature = isfinite(s->temperature);
     p->temperature = p->has_temperature ? s->temperature : 0;
-    calibrate_light_who(s, p);
+    calibrate_light_identity(s, p);
     printf(
         "%-12s %u pictures: level %.4f, noise of a picture %.5f (full scale = 1), %zu hot and %zu "
         "dead pixels\n",

@@ -94,8 +94,8 @@ static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *
         PVX_TRY(add_video(l, dir, path, name, d));
     if (l->n > 0 && l->source == CALIBRATE_VIDEOS)
         return pvx_fail(d, PVX_EINVAL,
-                        "%s: folders with pictures and videos side by side, and nobody knows which "
-                        "belong together: give a folder with either",
+                        "%s: folders with pictures and videos side by side: give a "
+                        "folder with pictures or one with videos",
                         dir);
     return PVX_OK;
 }

@@ -7,17 +7,16 @@
 #include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/calibrate/light.h"
 
-static const char doc[] = "Sensitivity of each pixel, vignetting with it, from pictures of an even "
-                          "source, into rig.yaml.\v"
-                          "An evenly lit panel or sheet fills the pictures, at half of full scale; "
-                          "--frames for each of 4 places of "
-                          "it, turned by a quarter each time, so that its own shading cancels:\n"
-                          "  pyrovox calibrate flat --rig rig2.yaml --frames a.h5 --frames b.h5 "
-                          "--frames c.h5 --frames d.h5 "
-                          "--out rig3.yaml\n"
-                          "After dark. With 2 pictures or more to a place the noise is measured "
-                          "too (photon transfer). One place is "
-                          "refused: it cannot tell the lens from the source.";
+static const char doc[] =
+    "Measure the sensitivity of each pixel, with vignetting, by an even source, and write it into "
+    "rig.yaml.\v"
+    "  pyrovox calibrate flat --rig rig2.yaml --frames a.h5 --frames b.h5 --frames c.h5 --frames "
+    "d.h5 --out rig3.yaml\n"
+    "\n"
+    "An evenly lit panel or sheet fills the pictures, at half of full scale. Give --frames for "
+    "each of 4 places of it. Turn it by a quarter each time, so that its own shading cancels.\n"
+    "Do this after dark. With 2 pictures or more at each place the noise is measured too (photon "
+    "transfer). One place is refused: it cannot tell the lens from the source.";
 
 /* The pictures must be of the camera of the darks.  Without darks they say which camera it is. */
 static pvx_err flat_identity(struct calibrate_light *l, size_t c, struct pvx_diag *d)
@@ -29,7 +28,7 @@ static pvx_err flat_identity(struct calibrate_light *l, size_t c, struct pvx_dia
         if (s->picture.n == 0)
             continue;
         if (k->photometry.dark.file[0] == '\0')
-            calibrate_light_who(s, &k->photometry);
+            calibrate_light_identity(s, &k->photometry);
         else
             PVX_TRY(dmn_photometry_check(k, &as, l->a->frames[g], d));
     }

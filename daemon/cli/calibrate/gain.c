@@ -7,21 +7,20 @@
 #include "daemon/cli/calibrate/gain.h"
 
 static const char gain_doc[] =
-    "How bright the cameras are beside each other, through the filters in use, into rig.yaml.\v"
+    "Compare the brightness of the cameras, through the filters in use, and write gains into "
+    "rig.yaml.\v"
     "By one even source that fills the middle of every picture:\n"
     "  pyrovox calibrate gain --rig rig3.yaml --frames source.h5 --out rig4.yaml\n"
-    "or by a flame, whose light all cameras see alike, of many pictures:\n"
+    "or by many pictures of a flame, whose light all cameras see alike:\n"
     "  pyrovox calibrate gain --rig rig3.yaml --flame --frames flame.h5 --out rig4.yaml\n"
-    "After dark and flat. The product of the gains of each colour is 1.\n"
-    "By a flame: first its integrated emission, of the cameras that see all of it; then "
-    "alternately "
-    "with the reconstruction, each camera against the volume that the others make, on two thirds "
-    "of "
-    "the frame sets. That is believed where views that were left out agree no worse in the last "
-    "third; else the integrated emission is, and it is said. A camera that sees a part of the "
-    "flame "
-    "only needs three others and a rig whose poses are right. A flame that hides itself is no "
-    "measure.";
+    "\n"
+    "Do this after dark and flat. The product of the gains of each colour is 1.\n"
+    "By a flame: first the integrated emission is compared, for cameras that see all of the flame. "
+    "Then each camera is compared with the volume that the others make, alternately with the "
+    "reconstruction, on two thirds of the frame sets. The second result is used if views that were "
+    "left out agree no worse in the last third. Otherwise the first is used, and a line says so. A "
+    "camera that sees only a part of the flame needs three others and a rig whose poses are right. "
+    "A flame that hides itself is no measure.";
 
 struct gain_args {
     struct calibrate_light_args light;

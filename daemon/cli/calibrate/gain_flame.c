@@ -55,7 +55,8 @@ static pvx_err gain_flame_integrate(const struct calibrate_light *l, struct cali
                                     struct pvx_diag *d)
 {
     size_t n = l->rig.n_cameras;
-    for (int pass = 0; pass < 2; pass++) { /* the first one finds out who sees all of it */
+    for (int pass = 0; pass < 2;
+         pass++) { /* the first finds the cameras that see all of the flame */
         memset(q->light, 0, sizeof q->light);
         for (size_t g = 0; g < l->a->n; g++) {
             double at[3];
@@ -229,7 +230,7 @@ pvx_err calibrate_gain_flame(struct calibrate_light *l, struct calibrate_gain *q
                              struct pvx_diag *d)
 {
     if (q->report != NULL)
-        PVX_TRY(calibrate_json_possible(q->report, d));
+        PVX_TRY(calibrate_report_possible(q->report, false, d));
     PVX_TRY(gain_flame_integrate(l, q, d));
     PVX_TRY(alternate(l, q, d));
     for (size_t c = 0; c < l->rig.n_cameras; c++)
@@ -243,5 +244,6 @@ pvx_err calibrate_gain_flame(struct calibrate_light *l, struct calibrate_gain *q
             l->rig.cameras[c].gain[a] = (float)q->gain[a][c];
     gain_flame_say(l, q);
     const void *what[2] = {l, q};
-    return q->report != NULL ? calibrate_write_json(q->report, gain_flame_fill, what, d) : PVX_OK;
+    return q->report != NULL ? calibrate_write_report(q->report, gain_flame_fill, NULL, what, d)
+                             : PVX_OK;
 }

@@ -42,7 +42,7 @@ pvx_err calibrate_start(struct calibrate_job *j, const struct calibrate_args *a,
     if (!a->force && access(a->out, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
     for (size_t i = 0; i < a->n_reports; i++)
-        PVX_TRY(calibrate_report_possible(a->report[i], d));
+        PVX_TRY(calibrate_report_possible(a->report[i], true, d));
     return rec_board_parse(a->board, &j->board, d);
 }
 
@@ -185,7 +185,8 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
             "%s is not written, for what is refused above; --accept writes it all the same",
             a->out);
     for (size_t i = 0; i < a->n_reports; i++) {
-        pvx_err written = calibrate_write_report(&r, a->report[i], d);
+        pvx_err written =
+            calibrate_write_report(a->report[i], calibrate_json, calibrate_html, &r, d);
         if (e == PVX_OK)
             e = written;
     }

@@ -1,10 +1,5 @@
 /* json.c - a calibration's report as JSON. */
-#include <stdio.h>
-#include <stdlib.h>
-
-#include "base/file.h"
 #include "daemon/cli/calibrate/report.h"
-#include "daemon/control/json.h"
 #include "recon/board/spec.h"
 
 static const char *const what[] = {"verdict", "held",    "unseen",  "apart",    "weak pair",
@@ -157,7 +152,7 @@ static void put_whole(struct dmn_json *j, const struct calibrate_result *r)
     dmn_json_close(j, ']');
 }
 
-static void calibrate_fill(struct dmn_json *j, const void *ctx)
+void calibrate_json(struct dmn_json *j, const void *ctx)
 {
     const struct calibrate_result *r = ctx;
     char board[REC_BOARD_TEXT];
@@ -195,33 +190,4 @@ static void calibrate_fill(struct dmn_json *j, const void *ctx)
         put_picture(j, r, &r->look->picture[i]);
     dmn_json_close(j, ']');
     dmn_json_close(j, '}');
-}
-
-static pvx_err calibrate_print(void (*f)(struct dmn_json *j, const void *what), const void *of,
-                               char **text, size_t *len, struct pvx_diag *d)
-{
-    *text = NULL;
-    FILE *out = open_memstream(text, len);
-    if (out == NULL)
-        return PVX_ENOMEM;
-    pvx_err e = dmn_json_print(out, f, of, d);
-    return fclose(out) != 0 && e == PVX_OK ? PVX_ENOMEM : e;
-}
-
-pvx_err calibrate_json(const struct calibrate_result *r, char **text, size_t *len,
-                       struct pvx_diag *d)
-{
-    return calibrate_print(calibrate_fill, r, text, len, d);
-}
-
-pvx_err calibrate_write_json(const char *path, void (*f)(struct dmn_json *j, const void *of),
-                             const void *of, struct pvx_diag *d)
-{
-    char *text;
-    size_t len;
-    pvx_err e = calibrate_print(f, of, &text, &len, d);
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
-    free(text);
-    return e;
 }

@@ -86,8 +86,8 @@ static pvx_err may_write(const struct calibrate_light *l, bool rig_out, struct p
     return PVX_OK;
 }
 
-pvx_err calibrate_light_begin(struct calibrate_light *l, const struct calibrate_light_args *a,
-                              unsigned what, struct pvx_diag *d)
+static pvx_err light_begin(struct calibrate_light *l, const struct calibrate_light_args *a,
+                           unsigned what, struct pvx_diag *d)
 {
     *l = (struct calibrate_light){.a = a};
     PVX_TRY(rec_rig_load(a->rig, &l->rig, d));
@@ -99,7 +99,7 @@ pvx_err calibrate_light_begin(struct calibrate_light *l, const struct calibrate_
     return l->stack == NULL ? PVX_ENOMEM : PVX_OK;
 }
 
-void calibrate_light_fini(struct calibrate_light *l)
+static void light_fini(struct calibrate_light *l)
 {
     for (size_t i = 0; l->stack != NULL && i < l->a->n * REC_MAX_CAMERAS; i++) {
         free(l->stack[i].sum);
@@ -118,21 +118,6 @@ pvx_err calibrate_light_fail(const struct rec_camera *k, pvx_err e, const struct
                              struct pvx_diag *d)
 {
     return pvx_fail(d, e, "camera %s: %s", k->name, pvx_diag_text(why, e));
-}
-
-int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
-                        pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d))
-{
-    struct calibrate_light l;
-    struct pvx_diag d = {""};
-    cli_catch_stop();
-    pvx_err e = calibrate_light_begin(&l, a, what, &d);
-    if (e == PVX_OK)
-        e = calibrate_light_read(&l, &d);
-    if (e == PVX_OK)
-        e = step(&l, &d);
-    calibrate_light_fini(&l);
-    return calibrate_end(e, &d);
 }
 
 pvx_err calibrate_light_cameras(struct calibrate_light *l,
@@ -168,19 +153,6 @@ pvx_err calibrate_light_noise(struct rec_camera *k, const struct rec_light_pictu
     printf("%-12s variance = %.5f^2 + %.3g * light (full scale = 1), %zu levels\n", k->name,
            noise.read, noise.gain, m);
     return PVX_OK;
-}
-
-int calibrate_light_main(const char *doc, unsigned what,
-                         pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d), int argc,
-                         char **argv)
-{
-    const struct argp argp = {.options = options, .parser = light_parse, .doc = doc};
-    struct calibrate_light_args a = {0};
-    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
-        return 2;
-    if (what == 0)
-        a.reading.transfer = CAP_TRANSFER_LINEAR;
-    return calibrate_light_run(&a, what, step);
 }
 
 /* ---- pictures ---- */
@@ -337,7 +309,7 @@ static pvx_err read_group(struct calibrate_light *l, size_t g, struct pvx_diag *
     return e;
 }
 
-pvx_err calibrate_light_read(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err light_read(struct calibrate_light *l, struct pvx_diag *d)
 {
     for (size_t g = 0; g < l->a->n; g++)
         PVX_TRY(read_group(l, g, d));
@@ -371,7 +343,7 @@ pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera, cons
     return PVX_OK;
 }
 
-void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry *p)
+void calibrate_light_identity(const struct calibrate_stack *s, struct rec_photometry *p)
 {
     if (s->serial[0] == '\0')
         return;
@@ -384,4 +356,34 @@ pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d
     PVX_TRY(opt_rig_save(&l->rig, NULL, l->a->out, d));
     fprintf(stderr, "%s written\n", l->a->out);
     return PVX_OK;
+}
+
+/* ---- a step ---- */
+
+int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
+                        pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d))
+{
+    struct calibrate_light l;
+    struct pvx_diag d = {""};
+    cli_catch_stop();
+    pvx_err e = light_begin(&l, a, what, &d);
+    if (e == PVX_OK)
+        e = light_read(&l, &d);
+    if (e == PVX_OK)
+        e = step(&l, &d);
+    light_fini(&l);
+    return calibrate_end(e, &d);
+}
+
+int calibrate_light_main(const char *doc, unsigned what,
+                         pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d), int argc,
+                         char **argv)
+{
+    const struct argp argp = {.options = options, .parser = light_parse, .doc = doc};
+    struct calibrate_light_args a = {0};
+    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
+        return 2;
+    if (what == 0)
+        a.reading.transfer = CAP_TRANSFER_LINEAR;
+    return calibrate_light_run(&a, what, step);
 }

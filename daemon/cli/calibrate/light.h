@@ -2,8 +2,8 @@
  * dark, flat, response, gain, colour, background.
  *
  * Each --frames is a group: pictures of one scene at one exposure, of which mean and variance per raw sample
- * are kept, for every camera that has some.  In this order: parse, begin, read, the step's own, save, fini.
- * Ownership: the struct is the caller's, fini frees what it holds, after an error too. */
+ * are kept, for every camera that has some.  A step gets them from calibrate_light_run and calls
+ * calibrate_light_save at its end. */
 #ifndef CALIBRATE_LIGHT_H
 #define CALIBRATE_LIGHT_H
 #include <argp.h>
@@ -46,13 +46,6 @@ struct calibrate_light {
     struct calibrate_stack *stack; /* [groups][REC_MAX_CAMERAS] */
 };
 
-/* The rig; `what` (enum dmn_light) of it is applied to the pictures.  Errors: the rig's, its maps',
- * PVX_EBUSY (--out is there), PVX_EINVAL (maps would lie elsewhere than --out). */
-PVX_MUST_CHECK pvx_err calibrate_light_begin(struct calibrate_light *l,
-                                             const struct calibrate_light_args *a, unsigned what,
-                                             struct pvx_diag *d);
-/* All groups.  Errors: those of frames_in.h, PVX_EINVAL, PVX_ECANCELED. */
-PVX_MUST_CHECK pvx_err calibrate_light_read(struct calibrate_light *l, struct pvx_diag *d);
 struct calibrate_stack *calibrate_light_stack(const struct calibrate_light *l, size_t group,
                                               size_t camera);
 /* one(camera c, its pictures of the m groups that have some) for every camera with pictures, then save.
@@ -70,12 +63,13 @@ PVX_MUST_CHECK pvx_err calibrate_light_noise(struct rec_camera *k,
 PVX_MUST_CHECK pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera,
                                            const char *kind, const float *v, struct rec_map *m,
                                            struct pvx_diag *d);
-/* Who was measured, of a stack, into what the rig says. */
-void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry *p);
+/* The identity of a stack's camera into the rig. */
+void calibrate_light_identity(const struct calibrate_stack *s, struct rec_photometry *p);
 /* The rig to --out. */
 PVX_MUST_CHECK pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d);
-void calibrate_light_fini(struct calibrate_light *l);
-/* begin, read, `step` and fini; exit code. */
+/* Load the rig, apply `what` (enum dmn_light) of it to the pictures, read all groups, run `step`; exit code.
+ * Errors: the rig's, its maps', those of frames_in.h, PVX_EBUSY (--out is there), PVX_EINVAL (maps would lie
+ * elsewhere than --out), PVX_ECANCELED. */
 int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
                         pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d));
 /* The same for a step without options of its own.  what 0: samples are taken as they are, without a transfer curve. */

@@ -1,28 +1,24 @@
 #include "daemon/cli/calibrate/modes.h"
 
-#include <stdlib.h>
+#include <math.h>
 #include <string.h>
 
 #include "capture/pixel/pixfmt.h"
+#include "daemon/cli/calibrate/options.h"
 
 /* ---- declared ---- */
 
-/* n whole numbers with commas between; the camera's name after them, "": none.  NULL: they are not that. */
-static const char *modes_read_numbers(const char *s, int n, int32_t most, int32_t *out)
+/* As calibrate_parse_numbers, of whole numbers 0..most. */
+static const char *modes_read_numbers(const char *s, size_t n, int32_t most, int32_t *out)
 {
-    for (int i = 0; i < n; i++) {
-        char *end;
-        long v = strtol(s, &end, 10);
-        if (end == s || *s < '0' || *s > '9' || v > most)
+    double v[4];
+    const char *name = calibrate_parse_numbers(s, n, v);
+    for (size_t i = 0; i < n && name != NULL; i++) {
+        if (v[i] < 0 || v[i] > most || v[i] != floor(v[i]))
             return NULL;
-        out[i] = (int32_t)v;
-        s = end;
-        if (*s == ',' && s[1] != '\0')
-            s++;
-        else if (*s != '\0' || i + 1 < n)
-            return NULL;
+        out[i] = (int32_t)v[i];
     }
-    return s;
+    return name;
 }
 
 static pvx_err camera_of(const struct calibrate_look *l, const char *name, size_t *first,

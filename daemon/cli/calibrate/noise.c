@@ -6,13 +6,14 @@
 #include "daemon/cli/calibrate/light.h"
 
 static const char doc[] =
-    "Read noise and gain of each camera by photon transfer, into rig.yaml.\v"
-    "A still scene under steady light; a --frames for each of 2 levels or more, from caps on to "
-    "nearly full, by exposure or by the lamp, 8 pictures each (at least 2): darks and flats will "
-    "do:\n"
+    "Measure read noise and gain of each camera by photon transfer, and write them into rig.yaml.\v"
     "  pyrovox calibrate noise --rig rig3.yaml --frames darks.h5 --frames dim.h5 --frames half.h5 "
     "--frames bright.h5 --out rig4.yaml\n"
-    "After dark. Flicker of the whole light up to 2 % is taken out.";
+    "\n"
+    "Take a still scene under steady light. Give --frames for each of 2 levels or more, from caps "
+    "on to nearly full, by exposure or by the lamp, with 8 pictures each (at least 2). Darks and "
+    "flats will do.\n"
+    "Do this after dark. Flicker of the whole light up to 2 % is removed.";
 
 static pvx_err noise_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *p,
                          size_t m, struct pvx_diag *d)

@@ -33,7 +33,7 @@ static const struct argp_option options[] = {
     {"out", 'o', "FILE", 0, "write the rig here", 0},
     {"voxels", OPT_VOXELS, "N|NX,NY,NZ|auto", 0,
      "voxels along x, y, z (auto, the default: the finest that the pictures hold)", 0},
-    {NULL, 0, NULL, 0, "Where the world is:", 1},
+    {NULL, 0, NULL, 0, "World:", 1},
     {"floor", OPT_FLOOR, "NUMBER", 0,
      "in the pictures of this number the board lies flat at the bottom of the volume: its middle "
      "is "
@@ -42,7 +42,7 @@ static const struct argp_option options[] = {
     {"up", OPT_UP, "X,Y,Z[,CAMERA]", 0,
      "z up, in the axes of a camera (the first): 0,-1,0 for one that stands upright and level", 1},
     {"keep", OPT_KEEP, "RIG", 0, "the world of an older rig, by the cameras that did not move", 1},
-    {NULL, 0, NULL, 0, "What is known already:", 2},
+    {NULL, 0, NULL, 0, "Known already:", 2},
     {"fix-intrinsics", OPT_LENSES, "RIG", 0, "lenses as they are in this rig, by name", 2},
     {"add", OPT_ADD, "CAMERA", 0,
      "a new camera: all others stay as they are in the rig of --keep, to which it is added; may be "
@@ -55,7 +55,7 @@ static const struct argp_option options[] = {
      2},
     {"measured", OPT_MEASURED, "A,B,METRES", 0,
      "the distance of two cameras' lenses by tape, to check the scale; may be repeated", 2},
-    {NULL, 0, NULL, 0, "What comes of it:", 3},
+    {NULL, 0, NULL, 0, "Output:", 3},
     {"report", OPT_REPORT, "FILE", 0,
      "a page to look at (FILE.html) or everything as JSON (FILE.json), every picture with its "
      "reason; "
@@ -67,8 +67,7 @@ static const struct argp_option options[] = {
     {"quiet", OPT_QUIET, NULL, 0, "no progress", 3},
     {0}};
 
-/* Exactly n numbers with commas between; the text after them, NULL: they are not that. */
-static const char *calibrate_options_numbers(const char *s, size_t n, double *out)
+const char *calibrate_parse_numbers(const char *s, size_t n, double *out)
 {
     for (size_t i = 0; i < n; i++) {
         char item[64];
@@ -79,7 +78,7 @@ static const char *calibrate_options_numbers(const char *s, size_t n, double *ou
         if (pvx_parse_double(item, -1e6, 1e6, &out[i]) != PVX_OK)
             return NULL;
         s += len;
-        if (i + 1 < n && *s++ != ',')
+        if (*s == ',' ? *++s == '\0' : i + 1 < n)
             return NULL;
     }
     return s;
@@ -87,7 +86,7 @@ static const char *calibrate_options_numbers(const char *s, size_t n, double *ou
 
 static void parse_volume(struct calibrate_args *a, const char *arg, struct argp_state *st)
 {
-    const char *rest = calibrate_options_numbers(arg, 6, a->volume);
+    const char *rest = calibrate_parse_numbers(arg, 6, a->volume);
     if (rest == NULL || *rest != '\0')
         argp_error(st, "--volume %s: should be x0,y0,z0,x1,y1,z1 in metres", arg);
     for (int i = 0; i < 3; i++)
@@ -99,12 +98,10 @@ static void parse_volume(struct calibrate_args *a, const char *arg, struct argp_
 
 static void parse_up(struct calibrate_args *a, const char *arg, struct argp_state *st)
 {
-    const char *rest = calibrate_options_numbers(arg, 3, a->up);
-    if (rest == NULL || (*rest != '\0' && (*rest != ',' || rest[1] == '\0')) ||
-        (a->up[0] == 0 && a->up[1] == 0 && a->up[2] == 0))
+    const char *name = calibrate_parse_numbers(arg, 3, a->up);
+    if (name == NULL || (a->up[0] == 0 && a->up[1] == 0 && a->up[2] == 0))
         argp_error(st, "--up %s: should be x,y,z or x,y,z,CAMERA, as 0,-1,0", arg);
-    else
-        a->up_camera = *rest == ',' ? rest + 1 : NULL;
+    a->up_camera = name != NULL && *name != '\0' ? name : NULL;
     a->has_up = true;
 }
 

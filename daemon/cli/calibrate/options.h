@@ -38,4 +38,7 @@ struct calibrate_args {
 
 extern const struct argp calibrate_options;
 
+/* n numbers with commas between them.  Returns the camera's name after one more comma, "" without one; NULL: wrong. */
+const char *calibrate_parse_numbers(const char *s, size_t n, double *out);
+
 #endif

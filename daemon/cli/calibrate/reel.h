@@ -11,7 +11,7 @@
 #include "capture/pixel/jpeg.h"
 #include "daemon/cli/calibrate/look.h"
 
-#define CALIBRATE_LOOKED_AT 200 /* instants, where nobody says how many */
+#define CALIBRATE_LOOKED_AT 200 /* instants, by default */
 
 struct calibrate_reel {
     const struct calibrate_look *l; /* borrowed */

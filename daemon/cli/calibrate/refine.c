@@ -24,21 +24,18 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Poses of a rig corrected by a flame: each camera is laid onto the volume that the others make "
-    "of "
-    "it, up to 5 rounds.\v"
-    "Two thirds of the frame sets fit; the last third judges: the rig is written only where views "
-    "that "
-    "were left out of its volumes get better there, else refused with the figures (exit code 1).\n"
-    "Where the world is, its direction and its size stay what they were as well as possible: no "
-    "flame "
-    "shows them. Focal lengths are corrected where the flame shows them; of cameras that all stand "
-    "in "
-    "a line the directions and distances are held.\n"
-    "A camera with a cap on, mirrored or late is not a matter of poses: `pyrovox calibrate check` "
-    "names "
-    "it.\n"
-    "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --out refined.yaml";
+    "Correct the poses of a rig by a flame: each camera is fitted to the volume that the others "
+    "make of it, in up to 5 rounds.\v"
+    "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --out refined.yaml\n"
+    "\n"
+    "Two thirds of the frame sets fit, and the last third judges. The rig is written only if views "
+    "that were left out of its volumes get better there. Otherwise the figures are printed, and "
+    "the exit code is 1.\n"
+    "Place, direction and size of the world stay as they were as well as possible, because no "
+    "flame shows them. Focal lengths are corrected if the flame shows them. If all cameras stand "
+    "in a line, directions and distances are held.\n"
+    "A covered, mirrored or late camera is not a matter of poses: `pyrovox calibrate check` names "
+    "it.";
 
 static error_t refine_parse_opt(int key, char *arg, struct argp_state *st)
 {

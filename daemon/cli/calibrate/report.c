@@ -78,28 +78,28 @@ static bool calibrate_ends_in(const char *path, const char *ext)
     return n > m && strcmp(path + n - m, ext) == 0;
 }
 
-pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d)
+pvx_err calibrate_report_possible(const char *path, bool html, struct pvx_diag *d)
 {
-    if (calibrate_ends_in(path, ".json") || calibrate_ends_in(path, ".html"))
+    if (calibrate_ends_in(path, ".json") || (html && calibrate_ends_in(path, ".html")))
         return PVX_OK;
-    return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .html or .json", path);
+    return pvx_fail(d, PVX_EUNSUP, "%s: %s", path,
+                    html ? "a report is written as .html or .json"
+                         : "this report is written as .json");
 }
 
-pvx_err calibrate_json_possible(const char *path, struct pvx_diag *d)
-{
-    return calibrate_ends_in(path, ".json")
-               ? PVX_OK
-               : pvx_fail(d, PVX_EUNSUP, "%s: this report is written as .json", path);
-}
-
-pvx_err calibrate_write_report(const struct calibrate_result *r, const char *path,
+pvx_err calibrate_write_report(const char *path, void (*json)(struct dmn_json *j, const void *of),
+                               pvx_err (*html)(FILE *f, const void *of), const void *of,
                                struct pvx_diag *d)
 {
     char *text = NULL;
     size_t len = 0;
-    PVX_TRY(calibrate_report_possible(path, d));
-    pvx_err e = calibrate_ends_in(path, ".json") ? calibrate_json(r, &text, &len, d)
-                                                 : calibrate_html(r, &text, &len);
+    PVX_TRY(calibrate_report_possible(path, html != NULL, d));
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = calibrate_ends_in(path, ".json") ? dmn_json_print(f, json, of, d) : html(f, of);
+    if (fclose(f) != 0 && e == PVX_OK)
+        e = PVX_ENOMEM;
     if (e == PVX_OK)
         e = pvx_file_write(path, text, len, d);
     free(text);

@@ -1,9 +1,12 @@
-/* report.h - what a calibration came to: a table and sentences, all of it as JSON, and as a page to look
- * at (daemon/cli/report/). */
+/* report.h - the result of a calibration as a table and sentences, as JSON, and as a page
+ * (daemon/cli/report/). */
 #ifndef CALIBRATE_REPORT_H
 #define CALIBRATE_REPORT_H
+#include <stdio.h>
+
 #include "base/err.h"
 #include "daemon/cli/calibrate/look.h"
+#include "daemon/control/json.h"
 #include "recon/calib/calib.h"
 
 struct calibrate_result {
@@ -26,20 +29,15 @@ void calibrate_print_findings(const struct calibrate_result *r);
 const char *calibrate_severity(enum rec_calib_severity s);
 extern const char *const calibrate_fate[REC_VIEW_JOINT + 1], *const calibrate_lens[REC_LENS];
 
-/* Whether a report can be written there: .json or .html.  PVX_EUNSUP */
-PVX_MUST_CHECK pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d);
-/* The same of one that is .json only. */
-PVX_MUST_CHECK pvx_err calibrate_json_possible(const char *path, struct pvx_diag *d);
-/* What f prints of `of`, as above.  Errors: those of dmn_json_print and pvx_file_write. */
-struct dmn_json;
-PVX_MUST_CHECK pvx_err calibrate_write_json(const char *path,
-                                            void (*f)(struct dmn_json *j, const void *of),
-                                            const void *of, struct pvx_diag *d);
-/* By its extension, to a file that is there whole or not at all; an older one is replaced. */
-PVX_MUST_CHECK pvx_err calibrate_write_report(const struct calibrate_result *r, const char *path,
-                                              struct pvx_diag *d);
-/* Text of len bytes; owner: caller, free(). */
-PVX_MUST_CHECK pvx_err calibrate_json(const struct calibrate_result *r, char **text, size_t *len,
-                                      struct pvx_diag *d);
-PVX_MUST_CHECK pvx_err calibrate_html(const struct calibrate_result *r, char **text, size_t *len);
+/* Whether a report can be written there: .json, and with html also .html.  PVX_EUNSUP */
+PVX_MUST_CHECK pvx_err calibrate_report_possible(const char *path, bool html, struct pvx_diag *d);
+/* What json or html prints of `of`, by the extension, to a file that is there whole or not at all.  An older one is
+ * replaced.  html NULL: JSON only.  Errors: those of html, dmn_json_print, pvx_file_write. */
+PVX_MUST_CHECK pvx_err calibrate_write_report(const char *path,
+                                              void (*json)(struct dmn_json *j, const void *of),
+                                              pvx_err (*html)(FILE *f, const void *of),
+                                              const void *of, struct pvx_diag *d);
+/* Of a struct calibrate_result. */
+void calibrate_json(struct dmn_json *j, const void *result);
+PVX_MUST_CHECK pvx_err calibrate_html(FILE *f, const void *result);
 #endif

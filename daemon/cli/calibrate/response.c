@@ -7,15 +7,15 @@
 #include "daemon/cli/calibrate/light.h"
 
 static const char doc[] =
-    "Light of each sample value from exposures of one unmoved scene, into rig.yaml.\v"
-    "A steady light, nothing moves; 6 exposures or more from nearly dark to nearly full, a factor "
-    "of 2 "
-    "apart at most:\n"
+    "Measure the light of each sample value from exposures of one unmoved scene, and write it into "
+    "rig.yaml.\v"
     "  pyrovox calibrate response --rig rig.yaml --frames a --exposure 1 --frames b --exposure 1.4 "
     "--frames c --exposure 2.2 --frames d --exposure 3 ... --out rig2.yaml\n"
-    "Of takes the exposure is known. First of all steps: darks and flats are measured in light, so "
-    "those of "
-    "the rig are taken out of it.";
+    "\n"
+    "The light is steady and nothing moves. Take 6 exposures or more from nearly dark to nearly "
+    "full, at most a factor of 2 apart. Takes contain their exposure.\n"
+    "Do this first of all steps. Darks and flats are measured in light, so those of the rig are "
+    "removed.";
 
 static pvx_err response_one(struct calibrate_light *l, size_t c, const struct rec_light_picture *p,
                             size_t m, struct pvx_diag *d)

@@ -95,14 +95,14 @@ static void say_now(const struct live *l, char *out, size_t size)
 {
     switch (l->now) {
     case LIVE_OPENING: snprintf(out, size, "waiting for the cameras"); return;
-    case LIVE_NOBODY: snprintf(out, size, "no camera sees the board"); return;
+    case LIVE_UNSEEN: snprintf(out, size, "no camera sees the board"); return;
     case LIVE_MOVING: snprintf(out, size, "the board moves: hold it still"); return;
     case LIVE_STILL: snprintf(out, size, "the board stands still: wait"); return;
     case LIVE_ALONE:
         snprintf(out, size, "the first picture needs two cameras that see the board");
         return;
     case LIVE_MISSING:
-        snprintf(out, size, "%s gave no picture with the others", screen_name_of(l, l->who));
+        snprintf(out, size, "%s gave no picture with the others", screen_name_of(l, l->missing));
         return;
     case LIVE_KNOWN: snprintf(out, size, "this pose is taken: move the board on"); return;
     case LIVE_TAKEN: snprintf(out, size, "taken as number %u: move the board on", l->last); return;
@@ -244,7 +244,7 @@ static void print_lines(struct live_screen *s, const struct live *l)
         printf(" corners%s%s\n", text[0] != '\0' ? "; missing: " : "", text);
         s->said_taken = l->taken_now;
     }
-    bool trouble = l->now == LIVE_OPENING || l->now == LIVE_NOBODY || l->now == LIVE_ALONE ||
+    bool trouble = l->now == LIVE_OPENING || l->now == LIVE_UNSEEN || l->now == LIVE_ALONE ||
                    l->now == LIVE_MISSING;
     if (trouble && l->now != s->said_now) {
         say_now(l, text, sizeof text);

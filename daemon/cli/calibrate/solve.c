@@ -39,24 +39,26 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "From pictures of a calibration board to rig.yaml.\vThe five steps:\n"
-    "  1. Print a board, two-sided where cameras stand all around:\n"
-    "     pyrovox calibrate board charuco:8x11:0.03:0.022 --two-sided --out board.pdf\n"
-    "  2. Fix cameras, focus, zoom, binning and region as they will be; short exposures.\n"
-    "  3. Lay the board flat where the middle of the volume's floor is; take one picture with all "
-    "cameras at the same instant: number 0.\n"
-    "  4. Show the board in 30 to 100 more poses, all cameras at the same instant each time: all "
-    "through the volume, tilted by up to 60 degrees each way, into the corners of every picture, "
-    "and between neighbouring cameras, so that two see it together.\n"
-    "  5. Solve, read the verdict, add poses where it asks for them:\n"
-    "     pyrovox calibrate solve --frames pictures --board charuco:8x11:0.03:0.022:two-sided "
+    "Make rig.yaml from pictures of a calibration board.\v"
+    "  pyrovox calibrate solve --frames pictures --board charuco:8x11:0.03:0.022:two-sided "
     "--volume -0.5,-0.5,0,0.5,0.5,1 --floor 0 --out rig.yaml\n"
     "\n"
-    "How far to trust it: the expected error is that of projections all through the volume, not of "
-    "the corners that were seen; tomography bears 0.10 to 0.15 voxels. single px is how well each "
-    "camera agrees with itself, joint px all of them together: when the second is much larger, "
-    "something moved or the cameras do not expose together.\n"
-    "Exit code 1 and nothing written where the rig should not be believed; --accept overrules.";
+    "The five steps:\n"
+    "  1. Print a board, two-sided if cameras stand all around:\n"
+    "     pyrovox calibrate board charuco:8x11:0.03:0.022 --two-sided --out board.pdf\n"
+    "  2. Fix cameras, focus, zoom, binning and region as they will be. Use short exposures.\n"
+    "  3. Lay the board flat where the middle of the volume's floor is. Take one picture with all "
+    "cameras at the same instant: number 0.\n"
+    "  4. Show the board in 30 to 100 more poses, each with all cameras at the same instant. Go "
+    "all through the volume, tilt the board by up to 60 degrees each way, reach the corners of "
+    "every picture, and stand between neighbouring cameras, so that two see it together.\n"
+    "  5. Solve, read the verdict, and add the poses that it asks for.\n"
+    "\n"
+    "The expected error is that of projections all through the volume, not of the corners that "
+    "were seen. Tomography tolerates 0.10 to 0.15 voxels. single px is how well each camera agrees "
+    "with itself, joint px how well all agree. If the second is much larger, something moved or "
+    "the cameras do not expose together.\n"
+    "Exit code 1, and no rig is written, if the rig should not be believed. --accept writes it.";
 
 static void solve_keep(struct argp_state *st, const char **list, size_t *n, const char *arg)
 {

@@ -1,5 +1,5 @@
-/* still.h - does the board stand still, was this pose taken already, how do poses join cameras:
- * what `calibrate live` decides by, from corners alone.
+/* still.h - whether the board stands still, whether its pose is new, and how poses join cameras.  `calibrate live`
+ * decides by these, from corners alone.
  *
  * A view is the board's in one picture; n 0: not found there.  Lists of views have one per camera.
  * Threads: pure. */

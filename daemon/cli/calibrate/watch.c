@@ -177,7 +177,7 @@ static enum live_now watch_judge(struct live *l, double t_s, double *since_s, ui
     }
     ++*looks;
     if (see == 0)
-        return LIVE_NOBODY;
+        return LIVE_UNSEEN;
     if (!(moved <= CALIBRATE_STILL_PX))
         return LIVE_MOVING;
     if (watch_known(l, now))
@@ -186,7 +186,7 @@ static enum live_now watch_judge(struct live *l, double t_s, double *since_s, ui
         return LIVE_STILL;
     for (uint32_t c = 0; c < n; c++)
         if (l->camera[c].running && !l->eye[c].there) {
-            l->who = c;
+            l->missing = c;
             return LIVE_MISSING;
         }
     return l->poses == 0 && see < 2 && n > 1 ? LIVE_ALONE : LIVE_TAKEN;

@@ -33,7 +33,7 @@ struct live_camera {
 
 enum live_now {
     LIVE_OPENING, /* cameras do not deliver yet */
-    LIVE_NOBODY,  /* no camera sees the board */
+    LIVE_UNSEEN,  /* no camera sees the board */
     LIVE_MOVING,
     LIVE_STILL,   /* but not for long enough */
     LIVE_ALONE,   /* the first picture wants two cameras that see the board */
@@ -75,7 +75,7 @@ struct live {
     struct cap_set *inbox;
     uint64_t looks, skipped, dropped; /* dropped: in capture, the same way */
     enum live_now now;
-    uint32_t who;        /* LIVE_MISSING: camera of look */
+    uint32_t missing;    /* LIVE_MISSING: camera of look */
     uint32_t next_frame; /* number */
     size_t poses;        /* taken, with the board in at least one picture */
     size_t taken_now;    /* since this start */

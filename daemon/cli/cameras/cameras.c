@@ -25,21 +25,20 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "List the cameras that can be found, or those of one backend (aravis, ...).\vEach line can be "
-    "copied under \"cameras:\" of pyrovoxd.yaml; the name on the left must be one of the rig's.  "
-    "Below it stand its formats, each with the largest size.  Nothing is changed, and a camera in "
-    "use is listed too.  A backend that fails hides no other; one that finds nothing says why that "
-    "may be.\n"
-    "\n"
-    "`pyrovox cameras test` grabs from cameras and judges them (see its own --help).\n"
-    "\n"
-    "Exits with 0 when a camera was found, else 1.\n"
-    "\n"
-    "Examples:\n"
+    "List the cameras that can be found, or those of one backend (aravis, ...).\v"
     "  pyrovox cameras\n"
     "  pyrovox cameras -l v4l2\n"
     "  pyrovox cameras --json | jq -r '.cameras[].uri'\n"
-    "  pyrovox cameras test --seconds 10 aravis:192.168.1.21 aravis:192.168.1.22";
+    "  pyrovox cameras test --seconds 10 aravis:192.168.1.21 aravis:192.168.1.22\n"
+    "\n"
+    "Copy each line under \"cameras:\" of pyrovoxd.yaml. The name on the left must be one of the "
+    "rig's. Below it are the formats, each with the largest size. Nothing is changed, and cameras "
+    "in use are listed too. A backend that fails does not hide the others. A backend without "
+    "cameras prints a possible reason.\n"
+    "\n"
+    "`pyrovox cameras test` grabs from cameras and judges them (see its own --help).\n"
+    "\n"
+    "Exits with 0 when a camera was found, else 1.";
 
 static error_t cameras_parse_opt(int key, char *arg, struct argp_state *st)
 {

@@ -37,21 +37,20 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Check this host for what loses frames, and say how each is put right.\v"
-    "Looks at socket buffers, network cards and their counters, routing, firewall, interrupts, "
-    "processors, memory, limits and rights, USB, PTP and clocks, disks.  The most important comes "
-    "first, with the command or the line of a file to change it.  Nothing is changed.\n"
-    "\n"
-    "Exits with 0 when all is well, 1 with warnings or checks that cannot be made, 2 with "
-    "failures, 3 when the check itself could not be made.\n"
-    "\n"
-    "Examples:\n"
+    "Check this host for faults that lose frames, and print a remedy for each.\v"
     "  pyrovox doctor\n"
     "  sudo pyrovox doctor --config /etc/pyrovox/pyrovoxd.yaml\n"
-    "  pyrovox doctor --sample 10              # while the daemon runs: who loses packets now?\n"
+    "  pyrovox doctor --sample 10              # while the daemon runs: which counters grow now?\n"
     "  pyrovox doctor --fix-script fix.sh && less fix.sh && sudo sh fix.sh\n"
     "  pyrovox doctor --json | jq '.findings[] | select(.verdict == \"fail\") | .id'\n"
-    "  pyrovox doctor --record /data/takes --disk-test 500";
+    "  pyrovox doctor --record /data/takes --disk-test 500\n"
+    "\n"
+    "Checks socket buffers, network cards and their counters, routing, firewall, interrupts, "
+    "processors, memory, limits and rights, USB, PTP and clocks, disks. The most important fault "
+    "comes first, with the command or the line of a file that corrects it. Nothing is changed.\n"
+    "\n"
+    "Exits with 0 when all is well, 1 with warnings or checks that cannot be made, 2 with "
+    "failures, 3 when the check itself failed.";
 
 static error_t doctor_parse(int key, char *arg, struct argp_state *st)
 {

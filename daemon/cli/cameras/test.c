@@ -30,23 +30,23 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Open cameras, all together, grab for some seconds and judge each.\vWithout SOURCE or --config "
-    "all cameras that can be found are tested.  Columns: rate; good frames; frames lost (by cause "
-    "below the table); jitter of the intervals between frames, standard deviation and worst, by "
-    "the camera's own stamps and by arrival here; bytes a second; share of its link and "
-    "temperature where the camera says them.\n"
-    "\n"
-    "Of several cameras also: how far apart the exposures of a set lie.  Clocks that are not "
-    "synchronized are mapped to the host's, which is right to 1 ms in the first seconds.\n"
-    "\n"
-    "Ctrl-C ends it early with what was measured.  Exits with 0 when all is well, 1 when not, 130 "
-    "after Ctrl-C.\n"
-    "\n"
-    "Examples:\n"
+    "Open cameras together, grab for some seconds and judge each.\v"
     "  pyrovox cameras test\n"
     "  pyrovox cameras test --config pyrovoxd.yaml --seconds 60 --save look\n"
     "  pyrovox cameras test --fps 30 --pixel-format Mono8 aravis:192.168.1.21 aravis:192.168.1.22\n"
-    "  pyrovox cameras test --trigger software sim: sim:drop=0.1";
+    "  pyrovox cameras test --trigger software sim: sim:drop=0.1\n"
+    "\n"
+    "Without SOURCE or --config it tests all cameras that are found. Columns: rate; good frames; "
+    "lost frames (by cause below the table); jitter of the intervals between frames, standard "
+    "deviation and worst, by the camera's own stamps and by arrival here; bytes per second; share "
+    "of the link and temperature if the camera gives them.\n"
+    "\n"
+    "For several cameras it also prints how far apart the exposures of a set lie. Clocks that are "
+    "not synchronized are mapped to the host's clock, which is right to 1 ms in the first "
+    "seconds.\n"
+    "\n"
+    "Ctrl-C ends it early, and it prints what was measured. Exits with 0 when all is well, 1 when "
+    "not, 130 after Ctrl-C.";
 
 static error_t cameras_parse(int key, char *arg, struct argp_state *st)
 {

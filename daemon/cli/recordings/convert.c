@@ -71,27 +71,23 @@ static const struct argp argp = {
     .options = options,
     .parser = convert_parse,
     .args_doc = "IN OUT",
-    .doc =
-        "Make a recording of volumes into one of another format.\vIN: what `pyrovox record` or "
-        "`reconstruct` wrote: a folder of .npy, .vdb or .nvdb files, an HDF5 file, or one .npy, "
-        ".vdb or .nvdb.  OUT: a file (hdf5) or a folder to make (npy, vdb, nvdb); nothing is "
-        "written "
-        "over.\n\n"
-        "vdb and nvdb are files numbered without holes, OUT/NAME_0001.vdb and on, as Blender, "
-        "Houdini "
-        "and Unreal read them; OUT/NAME.json says which set each shows.  The grid density is what "
-        "a "
-        "program shows by itself; emission has the colours.  Values are halves there, as they "
-        "mostly "
-        "travel; npy, hdf5 and nvdb keep floats.  nvdb is for renderers on a GPU.\n\n"
-        "Examples:\n"
-        "  pyrovox convert flame.h5 flame --format vdb\n"
-        "  pyrovox convert flame.h5 flame-houdini --format vdb --up y --fps 24\n"
-        "  pyrovox convert flame flame-unreal --format vdb --unit cm --split\n"
-        "  pyrovox convert flame.h5 part.h5 --from 100 --to 199\n\n"
-        "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C; what was written until then "
-        "is "
-        "complete.",
+    .doc = "Write a recording of volumes in another format.\v"
+           "  pyrovox convert flame.h5 flame --format vdb\n"
+           "  pyrovox convert flame.h5 flame-houdini --format vdb --up y --fps 24\n"
+           "  pyrovox convert flame flame-unreal --format vdb --unit cm --split\n"
+           "  pyrovox convert flame.h5 part.h5 --from 100 --to 199\n"
+           "\n"
+           "IN is a recording of `pyrovox record` or `reconstruct`: a folder of .npy, .vdb or "
+           ".nvdb files, an HDF5 file, or one .npy, .vdb or .nvdb. OUT is a file (hdf5) or a new "
+           "folder (npy, vdb, nvdb). Nothing is overwritten.\n"
+           "\n"
+           "vdb and nvdb files are numbered without holes, OUT/NAME_0001.vdb and on, as Blender, "
+           "Houdini and Unreal read them. OUT/NAME.json says which set each file shows. Programs "
+           "show the grid density by default, and emission has the colours. Values are halves in "
+           "vdb, and floats in npy, hdf5 and nvdb. nvdb is for renderers on a GPU.\n"
+           "\n"
+           "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C. The files written by "
+           "then are complete.",
 };
 
 static bool convert_ends_in(const char *s, const char *end)

@@ -1,4 +1,4 @@
-/* pyrovox play - a recording of volumes published again, for who develops against it without a rig. */
+/* pyrovox play - a recording of volumes published again, to develop a client without a rig. */
 #include <argp.h>
 #include <errno.h>
 #include <stdio.h>
@@ -37,12 +37,12 @@ enum { OPT_LOOP = 256, OPT_CLIENTS, OPT_INSECURE };
 static const struct argp_option options[] = {
     {"speed", 's', "F", 0,
      "F times as fast as it was recorded (default 1); 0: as fast as subscribers take them", 0},
-    {"loop", OPT_LOOP, NULL, 0, "Again and again, each time as a new session", 0},
+    {"loop", OPT_LOOP, NULL, 0, "Repeat; each round is a new session", 0},
     {"endpoint", 'e', "ENDPOINT", 0, "Where to publish (default: where a local daemon would)", 0},
     {"key", 'k', "FILE", 0, "The server's .key file, for an address that other hosts reach", 0},
-    {"clients", OPT_CLIENTS, "FILE", 0, "Who may read there: with --key", 0},
-    {"insecure", OPT_INSECURE, NULL, 0, "Let everybody in who reaches the address", 0},
-    {"quiet", 'q', NULL, 0, "Say nothing", 0},
+    {"clients", OPT_CLIENTS, "FILE", 0, "The list of clients that may read; with --key", 0},
+    {"insecure", OPT_INSECURE, NULL, 0, "Serve every client that reaches the address", 0},
+    {"quiet", 'q', NULL, 0, "Print nothing", 0},
     {0}};
 
 static error_t play_parse(int key, char *arg, struct argp_state *state)
@@ -69,17 +69,20 @@ static const struct argp argp = {
     .options = options,
     .parser = play_parse,
     .args_doc = "FILE",
-    .doc = "Publish a recording of volumes as the daemon published them, so that a renderer is "
-           "developed without a rig.\vFILE: a folder of .npy, .vdb or .nvdb files, an HDF5 "
-           "file.  It begins when somebody subscribes.  Volumes keep their set numbers, times and "
-           "reports; the session is a new one, as sequence numbers begin anew, and with --loop "
-           "another one each time, as sets go back.  A subscriber that is too slow misses volumes, "
-           "as it would live; with --speed 0 nobody does.\n\n"
-           "Raw frames of cameras are played by `pyrovox replay`, through a daemon.\n\n"
-           "Examples:\n"
+    .doc = "Publish a recording of volumes as the daemon published them. You can develop a "
+           "renderer without a rig.\v"
            "  pyrovox play flame.h5 --loop\n"
            "  pyrovox play flame --endpoint tcp://127.0.0.1:5555 --speed 0.5\n"
-           "  pyrovox play flame --speed 0 & pyrovox record --format hdf5 --out copy.h5\n\n"
+           "  pyrovox play flame --speed 0 & pyrovox record --format hdf5 --out copy.h5\n"
+           "\n"
+           "FILE is a folder of .npy, .vdb or .nvdb files, or an HDF5 file. Playing begins with "
+           "the first subscriber. Volumes keep their set numbers, times and reports. The session "
+           "is a new one, because sequence numbers begin again. With --loop each round is a new "
+           "session, because set numbers go back. A slow subscriber misses volumes, as it would "
+           "live. With --speed 0 no subscriber misses any.\n"
+           "\n"
+           "`pyrovox replay` plays raw frames of cameras through a daemon.\n"
+           "\n"
            "Exit: 0 at the end, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.",
 };
 
@@ -102,7 +105,7 @@ static pvx_err may_publish(struct play *p, struct pvx_diag *d)
     pvx_err e = dmn_endpoints_allowed(c, &open, d);
     p->guarded = e == PVX_OK && dmn_endpoint_guarded(c, p->endpoint, DMN_VOLUMES);
     if (e == PVX_OK && open != NULL)
-        fprintf(stderr, "pyrovox: %s lets everybody in who reaches it, unencrypted\n", open);
+        fprintf(stderr, "pyrovox: %s serves every client that reaches it, unencrypted\n", open);
     free(c);
     if (e == PVX_OK && p->guarded)
         e = pvp_auth_new(p->server, p->clients, &p->auth, d);

@@ -26,7 +26,7 @@ enum { KEEP_FREE = 256, ROLL, DAEMON };
 struct record {
     const char *endpoint, *key, *control, *raw, *out;
     char default_out[64];
-    int64_t parent;  /* 0: whoever it is */
+    int64_t parent;  /* 0: any */
     int64_t volumes; /* stop after so many; 0 = no limit */
     double seconds;  /* after the first volume; 0 = no limit */
     int quiet;
@@ -121,23 +121,26 @@ static error_t record_parse(int key, char *arg, struct argp_state *state)
 static const struct argp argp = {
     .options = options,
     .parser = record_parse,
-    .doc = "Write the volumes that a running pyrovoxd publishes to disk, or let it record its raw "
-           "frames.\vEach volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels], with SET the "
-           "number of its frame set in six digits, and DIR/SET.json with origin, spacing, basis, "
-           "units, times and the solver's report.  A file is there whole or not at all.  If the "
-           "daemon restarts, its further volumes go to DIR/session-ID (hdf5: NAME-session-ID.h5), "
-           "as they "
-           "count anew.  A recorder that was killed leaves what `pyrovox repair` finishes.\n\n"
-           "Volumes that did not arrive are counted from the gaps in the sequence and reported.\n\n"
-           "With --raw nothing is written here: the daemon records the cameras' frames to an HDF5 "
-           "file beside the live solve, until --raw stop, and `pyrovox status` counts what it "
-           "could not.  `pyrovox replay` plays it back.\n\n"
-           "Examples:\n"
+    .doc = "Write the volumes of a running pyrovoxd to disk, or let the daemon record its raw "
+           "frames.\v"
            "  pyrovox record --seconds 10 --out flame\n"
            "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
-           "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n\n"
-           "Exit: 0 done or daemon ended, 1 failed, 130 stopped by Ctrl-C; what was recorded until "
-           "then is complete in each case.",
+           "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n"
+           "\n"
+           "Each volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels]. SET is the number of "
+           "its frame set in six digits. DIR/SET.json has origin, spacing, basis, units, times and "
+           "the report of the solver. A file is there whole or not at all. If the daemon restarts, "
+           "sets are numbered again, and its volumes go to DIR/session-ID (hdf5: "
+           "NAME-session-ID.h5). `pyrovox repair` finishes what a killed recorder leaves.\n"
+           "\n"
+           "Volumes that did not arrive are counted from gaps in the sequence and reported.\n"
+           "\n"
+           "With --raw this program writes nothing. The daemon records the frames of the cameras "
+           "to an HDF5 file beside the live solve, until --raw stop. `pyrovox status` counts the "
+           "frames that it could not record. `pyrovox replay` plays the file.\n"
+           "\n"
+           "Exit: 0 done or daemon ended, 1 failed, 130 stopped by Ctrl-C. In each case the "
+           "recording is complete up to that moment.",
 };
 
 /* With the first volume: by then all is known that the daemon says of itself. */
@@ -339,7 +342,7 @@ static void record_conclude(const struct record *r, const struct vol_recorder_st
            more, (unsigned long long)(st.lost + rec->left_out));
 }
 
-/* Where it goes, when nobody says so. */
+/* The default of --out. */
 static void name_out(struct record *r)
 {
     time_t now = time(NULL);
@@ -417,7 +420,7 @@ static int record_run(int argc, char **argv)
     r.config.path = r.out;
     bool there = access(r.out, F_OK) == 0;
     cli_catch_stop();
-    /* However the daemon ends, nobody else begins the next session's recording. */
+    /* If the daemon ends, this recorder must end too: the next daemon starts its own. */
     if (r.parent != 0 && (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != (pid_t)r.parent))
         return 130;
     if (r.parent != 0)

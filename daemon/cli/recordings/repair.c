@@ -32,23 +32,22 @@ static error_t repair_parse(int key, char *arg, struct argp_state *state)
 static const struct argp argp = {
     .parser = repair_parse,
     .args_doc = "RECORDING",
-    .doc =
-        "Finish a recording of volumes that was cut off: by a kill, a power cut, a copy "
-        "that "
-        "ended early.\vOf an HDF5 file, what is whole goes into a new file, which takes the place "
-        "of "
-        "FILE when it is complete; the original stays beside it as FILE.cut-off.  In a folder of "
-        ".npy, "
-        ".vdb or .nvdb files those that are damaged are put aside as NAME.cut-off, the set before "
-        "takes their numbers (vdb, nvdb), and the list of what is there is made anew.  Volumes "
-        "that "
-        "are damaged are left out and counted.  A recording that was closed in order, and has no "
-        "damaged file, is left alone.\n\n"
-        "Pyrovox itself reads recordings that were cut off as they are; other programs (h5py, "
-        "MATLAB, "
-        "ParaView) want HDF5 files finished.  Takes of raw frames: `pyrovox replay` reads them as "
-        "they are.\n\n"
-        "Exit: 0 whole now, 1 failed, 130 stopped by Ctrl-C, with FILE as it was.",
+    .doc = "Finish a recording of volumes that was cut off by a kill, a power cut or an incomplete "
+           "copy.\v"
+           "  pyrovox repair flame.h5\n"
+           "\n"
+           "The whole volumes of an HDF5 file go into a new file, which replaces FILE when it is "
+           "complete. The original stays beside it as FILE.cut-off. In a folder of .npy, .vdb or "
+           ".nvdb files, damaged files are renamed to NAME.cut-off. The set before takes their "
+           "numbers (vdb, nvdb), and the list of files is made again. Damaged volumes are left out "
+           "and counted. A recording that was closed in order and has no damaged file is not "
+           "changed.\n"
+           "\n"
+           "Pyrovox reads recordings that were cut off as they are. Other programs (h5py, MATLAB, "
+           "ParaView) need finished HDF5 files. `pyrovox replay` reads takes of raw frames as they "
+           "are.\n"
+           "\n"
+           "Exit: 0 whole now, 1 failed, 130 stopped by Ctrl-C with FILE as it was.",
 };
 
 static pvx_err repair_copy(struct repair *r, vol_reader *in, vol_writer *out, struct pvx_diag *d)

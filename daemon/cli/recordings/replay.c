@@ -46,20 +46,19 @@ static const struct argp_option options[] = {
 
 static const char doc[] =
     "Play the raw frames of a take (pyrovox record --raw, record: raw) into a daemon.\v"
-    "Runs pyrovoxd with the rig and the configuration that the take holds.  The frame sets are "
-    "exactly those of the recording, with their numbers and times; `pyrovox record`, `top` and "
-    "`status` see an ordinary daemon.  With --lossless the volumes are bit for bit those of the "
-    "live run if that ran with solver.warm_start: off and solver.deadline_ms: 0.  A take that was "
-    "cut off is played up to its last complete set; one that went on in other files, NAME-0002.h5 "
-    "..., "
-    "is played with all of them where NAME.h5 is named.\n\n"
-    "Examples:\n"
-    "  pyrovox replay --info take.h5\n"
     "  pyrovox replay take.h5\n"
+    "  pyrovox replay --info take.h5\n"
     "  pyrovox replay --lossless --set publish.wait_subscriber=true take.h5 & pyrovox record\n"
     "  pyrovox replay --speed 0.25 --loop --set solver.name=osem take.h5\n"
     "  pyrovox replay --export frames take.h5\n"
-    "  pyrovox reconstruct --rig frames/rig.yaml --frames frames --out vol";
+    "  pyrovox reconstruct --rig frames/rig.yaml --frames frames --out vol\n"
+    "\n"
+    "Runs pyrovoxd with the rig and the configuration of the take. The frame sets are exactly "
+    "those of the recording, with their numbers and times. `pyrovox record`, `top` and `status` "
+    "see an ordinary daemon. With --lossless the volumes are bit for bit those of the live run, if "
+    "that ran with solver.warm_start: off and solver.deadline_ms: 0. A take that was cut off is "
+    "played up to its last complete set. If it continues in other files, NAME-0002.h5 ..., name "
+    "NAME.h5, and all of them are played.";
 
 static error_t replay_parse(int key, char *arg, struct argp_state *st)
 {

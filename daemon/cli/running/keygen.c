@@ -20,19 +20,19 @@ static const struct argp_option options[] = {
     {"control", OPT_CONTROL, NULL, 0, "NAME.pub asks for control, not only to read volumes", 0},
     {0}};
 
-static const char doc[] = "Make NAME.key, which stays with its owner (mode 0600), and NAME.pub, "
-                          "the line that goes into the "
-                          "daemon's list of who may come in.\vNothing is written over.\n\n"
-                          "Examples:\n"
+static const char doc[] = "Make NAME.key, which stays with its owner (mode 0600), and NAME.pub, a "
+                          "line for the daemon's list of clients.\v"
                           "  pyrovox keygen /etc/pyrovox/lab\n"
                           "      on the daemon's host; in pyrovoxd.yaml:\n"
                           "      keys: {server: lab.key, clients: clients.keys}\n"
                           "      (a key that only the service can read: systemd/README.md)\n"
                           "  pyrovox keygen me --server lab.pub\n"
-                          "      on a client's, with the daemon's lab.pub\n"
+                          "      on the client's host, with the daemon's lab.pub\n"
                           "  cat me.pub >> /etc/pyrovox/clients.keys; systemctl reload pyrovoxd\n"
-                          "      and it may come in\n"
-                          "  pyrovox record --key me.key --endpoint tcp://lab:5555";
+                          "      lets the client in\n"
+                          "  pyrovox record --key me.key --endpoint tcp://lab:5555\n"
+                          "\n"
+                          "No file is overwritten.";
 
 static error_t keygen_parse(int key, char *arg, struct argp_state *state)
 {
@@ -76,7 +76,7 @@ static int keygen_run(int argc, char **argv)
     explicit_bzero(&k, sizeof k);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    printf("%s.key  keep it: whoever has it is let in\n%s.pub  %s\n", a.name, a.name,
+    printf("%s.key  keep it secret: it opens the daemon\n%s.pub  %s\n", a.name, a.name,
            a.server != NULL ? "add its line to the daemon's keys.clients"
                             : "for clients: pyrovox keygen ME --server this file");
     return 0;

@@ -40,7 +40,7 @@ static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0, "Where the daemon publishes (default: the local daemon)", 0},
     {"key", 'k', "FILE", 0, "Your .key file of `pyrovox keygen`, for a daemon that asks for one",
      0},
-    {"readers", OPT_READERS, "me|group|all", 0, "Who may read it (default: me)", 0},
+    {"readers", OPT_READERS, "me|group|all", 0, "Users that may read it (default: me)", 0},
     {"split", OPT_SPLIT, NULL, 0,
      "Three colours as grids red, green and blue instead of one of vectors, emission", 0},
     {"quiet", 'q', NULL, 0, "No status line", 0},
@@ -78,23 +78,27 @@ static const struct argp argp = {
     .parser = share_parse,
     .args_doc = "NAME [FILE]",
     .doc =
-        "Keep the newest volume of a running daemon, or of a recording that is played, in shared "
-        "memory, as NanoVDB: a renderer on this host maps it or uploads it to its GPU as it is.\v"
-        "The grids are those of `pyrovox record --format nvdb`: density, and of three colours "
-        "emission; voxel (i, j, k) at index (i, j, k), the world in metres, z up.  They lie in "
-        "POSIX shared memory /NAME (/dev/shm/NAME).  pyrovox_share.h, one file that needs nothing "
-        "but libc, reads them from C and C++, NanoVDB.h or PNanoVDB.h what is in them; PROTOCOL.md "
-        "has the layout for other languages.\n\n"
-        "Three slots: the newest volume stays whole while the next is written, and the one before "
-        "too.  Readers never make this program wait, nor it the daemon: who is slow misses "
-        "volumes.  It waits for a daemon that is not there yet, and for the next one when it ends; "
-        "the last volume stays meanwhile, its times say how old it is.\n\n"
-        "A name is taken by one `pyrovox share` at a time.  One that was killed leaves its last "
-        "volume behind, readers can tell, and the next of the same user takes the name over.\n\n"
-        "Examples:\n"
+        "Keep the newest volume of a running daemon, or of a recording, in shared memory as "
+        "NanoVDB. A renderer on this host maps it or copies it to its GPU without conversion.\v"
         "  pyrovox share flame\n"
         "  pyrovox share flame --readers all --endpoint tcp://lab:5555 --key me.key\n"
-        "  pyrovox share flame recording.h5\n\n"
+        "  pyrovox share flame recording.h5\n"
+        "\n"
+        "The grids are those of `pyrovox record --format nvdb`: density, and for three colours "
+        "emission. Voxel (i, j, k) is at index (i, j, k). The world is in metres, z up. The grids "
+        "lie in POSIX shared memory /NAME (/dev/shm/NAME). C and C++ programs read them with "
+        "pyrovox_share.h, one file that needs only libc, and NanoVDB.h or PNanoVDB.h. PROTOCOL.md "
+        "has the layout for other languages.\n"
+        "\n"
+        "There are three slots: the newest volume and the one before stay whole while the next is "
+        "written. Readers never delay this program, and this program never delays the daemon. A "
+        "slow reader misses volumes. The program waits for a daemon, and for the next one when the "
+        "daemon ends. The last volume stays meanwhile, and its times say how old it is.\n"
+        "\n"
+        "Only one `pyrovox share` at a time can use a name. One that was killed leaves its last "
+        "volume behind. Readers can tell, and the next `pyrovox share` of the same user takes the "
+        "name.\n"
+        "\n"
         "Exit: 130 stopped by Ctrl-C, 1 failed, 2 wrong usage.",
 };
 

@@ -28,13 +28,13 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Show what a running pyrovoxd does: rate, latency, drops by cause, cameras, what is wrong with "
-    "them and what to do about it, what the flame says of each beside the others, how far apart "
-    "they expose, stages.\vExits with 1 when no daemon "
-    "answers.\n\nExamples:\n"
+    "Print the state of a running pyrovoxd: rate, latency, drops by cause, cameras and stages.\v"
     "  pyrovox status\n"
     "  pyrovox status --json | jq .latency_ms\n"
-    "  pyrovox status --endpoint ipc:///run/pyrovox/control";
+    "  pyrovox status --endpoint ipc:///run/pyrovox/control\n"
+    "\n"
+    "For each camera it prints faults with their remedy, how it compares with the others by the "
+    "flame, and how far apart the cameras expose. Exits with 1 if no daemon answers.";
 
 static error_t status_parse(int key, char *arg, struct argp_state *st)
 {

@@ -31,11 +31,12 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Watch a running pyrovoxd: rate, latency, drops, cameras, hull, residual.\vOn a terminal the "
-    "picture is redrawn in place, elsewhere it is a line a second.  Ctrl-C ends it; the daemon "
-    "does not notice.\n\nExamples:\n"
+    "Watch a running pyrovoxd: rate, latency, drops, cameras, hull, residual.\v"
     "  pyrovox top\n"
-    "  pyrovox top --truth 1,2 --endpoint tcp://127.0.0.1:5555";
+    "  pyrovox top --truth 1,2 --endpoint tcp://127.0.0.1:5555\n"
+    "\n"
+    "On a terminal the screen is redrawn in place. Elsewhere it is a line a second. Ctrl-C ends "
+    "it, and the daemon goes on.";
 
 static error_t top_parse(int key, char *arg, struct argp_state *st)
 {

@@ -34,18 +34,17 @@ static const struct argp_option options[] = {
      "without it they only look",
      0},
     {"open", 'o', NULL, 0, "Open the page in the desktop's browser", 0},
-    {"turn", OPT_TURN, NULL, 0, "The page begins turning, where its user is not averse to motion",
+    {"turn", OPT_TURN, NULL, 0, "The page begins turning, unless its user asked for less motion",
      0},
     {"listen", 'l', "ADDRESS:PORT", 0,
      "Where the page is (127.0.0.1:8737); another host's browser reaches it only with --cert", 1},
     {"cert", OPT_CERT, "FILE", 0,
-     "TLS certificate, PEM; one that is renewed in its place is used by whoever comes then", 1},
-    {"cert-key", OPT_CERT_KEY, "FILE", 0, "Its key, PEM, readable by nobody else", 1},
-    {"host", OPT_HOST, "NAME", 0,
-     "A name or address by which the page is reached; may be given again", 1},
+     "TLS certificate, PEM; a renewed file is used for the next connections", 1},
+    {"cert-key", OPT_CERT_KEY, "FILE", 0, "Its key, PEM, readable by you alone", 1},
+    {"host", OPT_HOST, "NAME", 0, "A name or address of the page for browsers; may be repeated", 1},
     {"token-file", OPT_TOKEN, "FILE", 0,
-     "Keep the token there, so that a bookmark lasts; made if it is not there", 1},
-    {"quiet", 'q', NULL, 0, "Say nothing but what goes wrong", 0},
+     "Keep the token in this file, so that a bookmark lasts; made if missing", 1},
+    {"quiet", 'q', NULL, 0, "Print errors only", 0},
     {0}};
 
 static error_t view_parse(int key, char *arg, struct argp_state *st)
@@ -92,21 +91,23 @@ static const struct argp argp = {
     .options = options,
     .parser = view_parse,
     .args_doc = "[FILE]",
-    .doc =
-        "Show the flame in a browser: of a running daemon, or of a recording of volumes.\v"
-        "Prints the page's address and serves it until Ctrl-C.  The part of the address behind # "
-        "is "
-        "a token: who does not have it is turned away, other users of this host too.  It is never "
-        "part of a request.  The page needs WebGL2; without, it shows three projections.\n\n"
-        "A page that is slow, hidden or stalled gets fewer volumes, never older ones, and the "
-        "daemon never waits.\n\n"
-        "From a laptop: ssh -L 8737:127.0.0.1:8737 HOST, then open the address here.\n\n"
-        "Examples:\n"
-        "  pyrovox view --open\n"
-        "  pyrovox view flame.h5 --open\n"
-        "  pyrovox view --listen 192.0.2.7:8737 --cert host.pem --cert-key host.key --host "
-        "lab.example --token-file token\n\n"
-        "Exit: 0 or 130 stopped, 1 failed, 2 wrong usage.",
+    .doc = "Show the flame in a browser: of a running daemon, or of a recording of volumes.\v"
+           "  pyrovox view --open\n"
+           "  pyrovox view flame.h5 --open\n"
+           "  pyrovox view --listen 192.0.2.7:8737 --cert host.pem --cert-key host.key --host "
+           "lab.example --token-file token\n"
+           "\n"
+           "Prints the address of the page and serves it until Ctrl-C. The part of the address "
+           "after # is a token. Requests without it are refused, also those of other users of this "
+           "host. The token is never part of a request. The page needs WebGL2. Without it, the "
+           "page shows three projections.\n"
+           "\n"
+           "A slow or hidden page receives fewer volumes, but always the newest. The daemon never "
+           "waits.\n"
+           "\n"
+           "From a laptop: ssh -L 8737:127.0.0.1:8737 HOST, then open the address here.\n"
+           "\n"
+           "Exit: 0 or 130 stopped, 1 failed, 2 wrong usage.",
 };
 
 static bool view_stop(void *ctx)

@@ -137,7 +137,7 @@ pvx_err simcams_board_draw(const struct simcams_board *b, size_t image,
                                .across = 4};
     rec_rotation(b->pose[image], s.R);
     memcpy(s.t, b->pose[image] + 3, sizeof s.t);
-    if (image % SIMCAMS_OF_POSE >= SIMCAMS_STILLS) { /* nobody measures in these */
+    if (image % SIMCAMS_OF_POSE >= SIMCAMS_STILLS) { /* not for measuring */
         s.across = 2;
         s.blur = 2;
     }

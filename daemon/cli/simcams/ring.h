@@ -1,12 +1,12 @@
 /* ring.h - the images that simulated cameras serve: the analytic flame as each camera of a
- * rig sees it, rendered once for every instant i/fps of one period n/fps, then served for ever.
+ * rig sees it, rendered once for every instant i/fps of one period n/fps, then served repeatedly.
  *
  *     pixel = round(255 (v + noise sigma)), clipped to 0..255                             (1)
- * v: what lens and sensor of the camera make of the flame's picture L, capture/gevsim/optics.h; healthy: L and the
+ * v: the output of lens and sensor for the flame's picture L, capture/gevsim/optics.h; healthy: L and the
  * pedestal that real cameras have, so that noise is not clipped at 0 (a clipped background
  * has a positive mean, which reconstructs as haze).  L from rec_flame_render, to 2^-14 of full scale, up to 4;
  * Mono8: mean of the three channels; BayerRG8: each pixel its own colour.
- * All is a function of rig, n, fps, seed, state, noise: whoever knows these knows the truth.  Image i shows
+ * All is a function of rig, n, fps, seed, state and noise, so these give the truth.  Image i shows
  * rec_flame_at(f, i/fps) of simcams_flame().
  * With `keep` the pictures L stay beside the images, at two bytes a sample, and an image can be made anew for other
  * optics: 640x480 RGB8 in 3 ms, more with a response, a background or blur. */

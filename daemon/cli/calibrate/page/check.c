@@ -203,8 +203,9 @@ static void page_table(FILE *f, const struct check_result *r)
           f);
 }
 
-pvx_err check_html(FILE *f, const struct check_result *r)
+pvx_err check_html(FILE *f, const void *result)
 {
+    const struct check_result *r = result;
     static const char *const word[] = {"Agrees", "Wrong", "Cannot be told"};
     enum rec_check_outcome o = r->verdict->outcome;
     struct rec_check_set set;

@@ -272,8 +272,9 @@ static void sections_head(FILE *f, const struct calibrate_result *r)
     findings(f, r);
 }
 
-static pvx_err page(FILE *f, const struct calibrate_result *r)
+pvx_err calibrate_html(FILE *f, const void *result)
 {
+    const struct calibrate_result *r = result;
     sections_head(f, r);
     sections_cameras(f, r);
     PVX_TRY(sections_pictures(f, r));
@@ -289,14 +290,4 @@ static pvx_err page(FILE *f, const struct calibrate_result *r)
     left_out(f, r);
     fputs("</body></html>\n", f);
     return PVX_OK;
-}
-
-pvx_err calibrate_html(const struct calibrate_result *r, char **text, size_t *len)
-{
-    *text = NULL;
-    FILE *f = open_memstream(text, len);
-    if (f == NULL)
-        return PVX_ENOMEM;
-    pvx_err e = page(f, r);
-    return fclose(f) != 0 && e == PVX_OK ? PVX_ENOMEM : e;
 }

@@ -116,7 +116,7 @@ void report_warp(FILE *f, const struct calibrate_result *r)
                     bend(w, i - 1, j - 1));
     fprintf(f,
             "</svg><figcaption>Millimetres out of its plane, the front seen straight on, first "
-            "corner at the top left; positive (blue) is away from who looks at the front. From "
+            "corner at the top left; positive (blue) is away from a viewer of the front. From "
             "lowest to highest %.3f mm.",
             most - least);
     if (r->board->two_sided)
