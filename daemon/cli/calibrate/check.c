@@ -23,7 +23,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Compare each camera with the volume that the other cameras make of a flame.\v"
+    "Compare each camera with the volume that the other cameras make of a flame.\vExamples:\n"
     "  pyrovox calibrate check --rig rig.yaml --frames take.h5 --report check.html\n"
     "\n"
     "Names the camera that is wrong and how: dark, flooded, moved (by how many pixels, which way), "

@@ -7,7 +7,7 @@
 #include "daemon/cli/calibrate/light.h"
 
 static const char doc[] =
-    "Make every camera's colours those of one camera, by a matrix in rig.yaml.\v"
+    "Make every camera's colours those of one camera, by a matrix in rig.yaml.\vExamples:\n"
     "  pyrovox calibrate colour --rig rig4.yaml --frames red.h5 --frames green.h5 --frames blue.h5 "
     "--out rig5.yaml\n"
     "\n"

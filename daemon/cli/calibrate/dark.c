@@ -9,7 +9,7 @@
 
 static const char doc[] =
     "Measure the mean of dark pictures per camera, mark hot and dead pixels, and write both into "
-    "rig.yaml.\v"
+    "rig.yaml.\vExamples:\n"
     "  pyrovox calibrate dark --rig rig.yaml --frames darks.h5 --out rig2.yaml\n"
     "\n"
     "Put the caps on. Exposure, gain and temperature must be those of the flame. Take 16 pictures "

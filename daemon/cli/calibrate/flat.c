@@ -9,7 +9,7 @@
 
 static const char doc[] =
     "Measure the sensitivity of each pixel, with vignetting, by an even source, and write it into "
-    "rig.yaml.\v"
+    "rig.yaml.\vExamples:\n"
     "  pyrovox calibrate flat --rig rig2.yaml --frames a.h5 --frames b.h5 --frames c.h5 --frames "
     "d.h5 --out rig3.yaml\n"
     "\n"

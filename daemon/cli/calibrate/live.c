@@ -38,7 +38,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Calibrate through the rig's own cameras and triggers.\v"
+    "Calibrate through the rig's own cameras and triggers.\vExamples:\n"
     "  pyrovox calibrate live --config pyrovoxd.yaml --board charuco:8x11:0.03:0.022:two-sided "
     "--volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml\n"
     "\n"

@@ -6,7 +6,8 @@
 #include "daemon/cli/calibrate/light.h"
 
 static const char doc[] =
-    "Measure read noise and gain of each camera by photon transfer, and write them into rig.yaml.\v"
+    "Measure read noise and gain of each camera by photon transfer, and write them into "
+    "rig.yaml.\vExamples:\n"
     "  pyrovox calibrate noise --rig rig3.yaml --frames darks.h5 --frames dim.h5 --frames half.h5 "
     "--frames bright.h5 --out rig4.yaml\n"
     "\n"

@@ -25,7 +25,7 @@ static const struct argp_option options[] = {
 
 static const char doc[] =
     "Correct the poses of a rig by a flame: each camera is fitted to the volume that the others "
-    "make of it, in up to 5 rounds.\v"
+    "make of it, in up to 5 rounds.\vExamples:\n"
     "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --out refined.yaml\n"
     "\n"
     "Two thirds of the frame sets fit, and the last third judges. The rig is written only if views "

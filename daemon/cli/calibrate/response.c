@@ -8,7 +8,7 @@
 
 static const char doc[] =
     "Measure the light of each sample value from exposures of one unmoved scene, and write it into "
-    "rig.yaml.\v"
+    "rig.yaml.\vExamples:\n"
     "  pyrovox calibrate response --rig rig.yaml --frames a --exposure 1 --frames b --exposure 1.4 "
     "--frames c --exposure 2.2 --frames d --exposure 3 ... --out rig2.yaml\n"
     "\n"

@@ -39,7 +39,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Make rig.yaml from pictures of a calibration board.\v"
+    "Make rig.yaml from pictures of a calibration board.\vExamples:\n"
     "  pyrovox calibrate solve --frames pictures --board charuco:8x11:0.03:0.022:two-sided "
     "--volume -0.5,-0.5,0,0.5,0.5,1 --floor 0 --out rig.yaml\n"
     "\n"

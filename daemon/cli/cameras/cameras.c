@@ -25,7 +25,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "List the cameras that can be found, or those of one backend (aravis, ...).\v"
+    "List the cameras that can be found, or those of one backend (aravis, ...).\vExamples:\n"
     "  pyrovox cameras\n"
     "  pyrovox cameras -l v4l2\n"
     "  pyrovox cameras --json | jq -r '.cameras[].uri'\n"

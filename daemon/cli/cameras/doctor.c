@@ -37,7 +37,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Check this host for faults that lose frames, and print a remedy for each.\v"
+    "Check this host for faults that lose frames, and print a remedy for each.\vExamples:\n"
     "  pyrovox doctor\n"
     "  sudo pyrovox doctor --config /etc/pyrovox/pyrovoxd.yaml\n"
     "  pyrovox doctor --sample 10              # while the daemon runs: which counters grow now?\n"

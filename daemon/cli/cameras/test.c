@@ -30,7 +30,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Open cameras together, grab for some seconds and judge each.\v"
+    "Open cameras together, grab for some seconds and judge each.\vExamples:\n"
     "  pyrovox cameras test\n"
     "  pyrovox cameras test --config pyrovoxd.yaml --seconds 60 --save look\n"
     "  pyrovox cameras test --fps 30 --pixel-format Mono8 aravis:192.168.1.21 aravis:192.168.1.22\n"

@@ -71,7 +71,7 @@ static const struct argp argp = {
     .options = options,
     .parser = convert_parse,
     .args_doc = "IN OUT",
-    .doc = "Write a recording of volumes in another format.\v"
+    .doc = "Write a recording of volumes in another format.\vExamples:\n"
            "  pyrovox convert flame.h5 flame --format vdb\n"
            "  pyrovox convert flame.h5 flame-houdini --format vdb --up y --fps 24\n"
            "  pyrovox convert flame flame-unreal --format vdb --unit cm --split\n"

@@ -70,7 +70,7 @@ static const struct argp argp = {
     .parser = play_parse,
     .args_doc = "FILE",
     .doc = "Publish a recording of volumes as the daemon published them. You can develop a "
-           "renderer without a rig.\v"
+           "renderer without a rig.\vExamples:\n"
            "  pyrovox play flame.h5 --loop\n"
            "  pyrovox play flame --endpoint tcp://127.0.0.1:5555 --speed 0.5\n"
            "  pyrovox play flame --speed 0 & pyrovox record --format hdf5 --out copy.h5\n"

@@ -122,7 +122,7 @@ static const struct argp argp = {
     .options = options,
     .parser = record_parse,
     .doc = "Write the volumes of a running pyrovoxd to disk, or let the daemon record its raw "
-           "frames.\v"
+           "frames.\vExamples:\n"
            "  pyrovox record --seconds 10 --out flame\n"
            "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
            "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n"

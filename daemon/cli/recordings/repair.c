@@ -33,7 +33,7 @@ static const struct argp argp = {
     .parser = repair_parse,
     .args_doc = "RECORDING",
     .doc = "Finish a recording of volumes that was cut off by a kill, a power cut or an incomplete "
-           "copy.\v"
+           "copy.\vExamples:\n"
            "  pyrovox repair flame.h5\n"
            "\n"
            "The whole volumes of an HDF5 file go into a new file, which replaces FILE when it is "

@@ -45,7 +45,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Play the raw frames of a take (pyrovox record --raw, record: raw) into a daemon.\v"
+    "Play the raw frames of a take (pyrovox record --raw, record: raw) into a daemon.\vExamples:\n"
     "  pyrovox replay take.h5\n"
     "  pyrovox replay --info take.h5\n"
     "  pyrovox replay --lossless --set publish.wait_subscriber=true take.h5 & pyrovox record\n"

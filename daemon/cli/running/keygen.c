@@ -21,7 +21,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] = "Make NAME.key, which stays with its owner (mode 0600), and NAME.pub, a "
-                          "line for the daemon's list of clients.\v"
+                          "line for the daemon's list of clients.\vExamples:\n"
                           "  pyrovox keygen /etc/pyrovox/lab\n"
                           "      on the daemon's host; in pyrovoxd.yaml:\n"
                           "      keys: {server: lab.key, clients: clients.keys}\n"

@@ -79,7 +79,8 @@ static const struct argp argp = {
     .args_doc = "NAME [FILE]",
     .doc =
         "Keep the newest volume of a running daemon, or of a recording, in shared memory as "
-        "NanoVDB. A renderer on this host maps it or copies it to its GPU without conversion.\v"
+        "NanoVDB. A renderer on this host maps it or copies it to its GPU without "
+        "conversion.\vExamples:\n"
         "  pyrovox share flame\n"
         "  pyrovox share flame --readers all --endpoint tcp://lab:5555 --key me.key\n"
         "  pyrovox share flame recording.h5\n"

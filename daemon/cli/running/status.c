@@ -28,7 +28,8 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Print the state of a running pyrovoxd: rate, latency, drops by cause, cameras and stages.\v"
+    "Print the state of a running pyrovoxd: rate, latency, drops by cause, cameras and "
+    "stages.\vExamples:\n"
     "  pyrovox status\n"
     "  pyrovox status --json | jq .latency_ms\n"
     "  pyrovox status --endpoint ipc:///run/pyrovox/control\n"

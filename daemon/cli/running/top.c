@@ -31,7 +31,7 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Watch a running pyrovoxd: rate, latency, drops, cameras, hull, residual.\v"
+    "Watch a running pyrovoxd: rate, latency, drops, cameras, hull, residual.\vExamples:\n"
     "  pyrovox top\n"
     "  pyrovox top --truth 1,2 --endpoint tcp://127.0.0.1:5555\n"
     "\n"

@@ -91,7 +91,8 @@ static const struct argp argp = {
     .options = options,
     .parser = view_parse,
     .args_doc = "[FILE]",
-    .doc = "Show the flame in a browser: of a running daemon, or of a recording of volumes.\v"
+    .doc = "Show the flame in a browser: of a running daemon, or of a recording of "
+           "volumes.\vExamples:\n"
            "  pyrovox view --open\n"
            "  pyrovox view flame.h5 --open\n"
            "  pyrovox view --listen 192.0.2.7:8737 --cert host.pem --cert-key host.key --host "
