@@ -107,7 +107,7 @@ videos() { # and key frames, tone, depth; a turntable that goes round again keep
     run "$pyrovox" render --eye 2,-1,0.8 --size 64x48 --exposure 1 --gamma 1 --depth 16 vol/000000.npy deep.png; says 0 || return 1
     run "$pyrovox" render --eye 2,-1,0.8 --size 64x48 vol/000000.npy deep.npy; says 0 || return 1
     run "$pyrovox" render --orbit 4 --size 49x65 --tone filmic --fps 10 vol --video turn.mp4; says 0 '8 pictures in turn.mp4' || return 1
-    run "$pyrovox" render --orbit 4 --tone negative vol x.mp4; says 2 'clip, reinhard or filmic' || return 1
+    run "$pyrovox" render --orbit 4 --tone negative vol x.mp4; says 2 'clip, reinhard, filmic' || return 1
     run "$pyrovox" render --orbit 4 --depth 16 vol x.mp4; says 2 'a film has 8 bits' || return 1
     run env PATH=/nowhere "$pyrovox" render --orbit 4 vol x.mp4; says 1 'apt install ffmpeg' || return 1
     : > int.log

@@ -208,7 +208,7 @@ wrong() {
     run "$pyrovox" reconstruct --out nothing.h5 --join; says 1 nothing.h5.parts/job.json || return 1
     run "$pyrovox" reconstruct --out one.h5 --join; says 1 'one.h5: was not made in parts' || return 1
     for i in --array=1/2 --resume --plan --slurm=2 --sbatch=-x --save-report=r; do
-        run "$pyrovox" reconstruct --out three.h5 --join $i; says 2 '--join solves nothing: it goes with --out alone' || return 1
+        run "$pyrovox" reconstruct --out three.h5 --join $i; says 2 '--join needs --out and no other option' || return 1
     done
     for i in --array=1/2 --resume --slurm=2; do solve --out x.h5 --plan $i; says 2 '--plan looks at all frame sets' || return 1; done
     solve --out x.h5 --resume; says 1 'use --array I/N' && [ ! -e x.h5 ] || return 1
