@@ -20,8 +20,6 @@ $(UNIT): $(B)/tests/lib/main.o
 STABILITY_PROGRAMS := $(B)/tests/stability/stability $(B)/tests/sim/test_stability
 $(STABILITY_PROGRAMS): $(STABILITY)
 $(STABILITY_PROGRAMS) $(B)/tests/unit/test_resolution: LDLIBS += -llapacke
-# libaravis' fake camera, the peer that is not of our own making.
-$(B)/tests/unit/test_simgv $(B)/tests/sim/test_aravis_loopback: $(B)/tests/lib/simgv.o $(B)/tests/lib/simgv_poll.o
 # A V4L2 device that umockdev answers for.
 $(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/lib/mock_v4l2.o
 $(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0 2> /dev/null)

@@ -5,7 +5,6 @@
 #include "capture/gevsim/netns.h"
 #include "capture/gevsim/gvcam.h"
 #include "tests/lib/have_addresses.h"
-#include "tests/lib/simgv.h"
 #include "tests/t.h"
 
 T_CASE(ids_widen_past_the_wrap)
@@ -105,48 +104,54 @@ T_CASE(namespace_is_private_and_works)
 
 static const unsigned char pixel[3];
 static const void *const ring[1] = {pixel};
-static const struct simgv_config good = {.address = "127.0.0.2",
-                                         .serial = "S",
-                                         .fmt = CAP_RGB8,
-                                         .width = 1,
-                                         .height = 1,
-                                         .ring = ring,
-                                         .n_ring = 1,
-                                         .ring_fps = 10};
+static const struct cap_gvcam_config good = {.address = "127.0.0.2",
+                                             .serial = "S",
+                                             .fmt = CAP_RGB8,
+                                             .width = 1,
+                                             .height = 1,
+                                             .ring = ring,
+                                             .n_ring = 1,
+                                             .ring_fps = 10};
 
 T_CASE(refused_configurations)
 {
-    simgv *s;
-    struct simgv_config c = good;
+    cap_gvnet *net;
+    cap_gvcam *s;
+    struct cap_gvcam_config c = good;
     struct pvx_diag d = {""};
+    T_EQ_I(cap_gvnet_new(&net, &d), PVX_OK);
     c.fmt = CAP_GREY_F32;
-    T_EQ_I(simgv_new(&c, &s, &d), PVX_EINVAL);
+    T_EQ_I(cap_gvcam_new(net, &c, &s, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "127.0.0.2");
     c = good;
     c.serial = "sixteen letters!";
-    T_EQ_I(simgv_new(&c, &s, NULL), PVX_EINVAL);
+    T_EQ_I(cap_gvcam_new(net, &c, &s, NULL), PVX_EINVAL);
     c = good;
     c.ring_fps = 0;
-    T_EQ_I(simgv_new(&c, &s, NULL), PVX_EINVAL);
+    T_EQ_I(cap_gvcam_new(net, &c, &s, NULL), PVX_EINVAL);
     c = good;
     c.address = "203.0.113.7";
     d.text[0] = '\0';
-    T_EQ_I(simgv_new(&c, &s, &d), PVX_ENOENT);
+    T_EQ_I(cap_gvcam_new(net, &c, &s, &d), PVX_ENOENT);
     T_CONTAINS(d.text, "--private-net");
     T_OK(s == NULL);
+    cap_gvnet_free(&net);
 }
 
 T_CASE(one_camera_per_address)
 {
     if (!have_addresses("127.0.0.2", 1))
         T_SKIP("no address 127.0.0.2 here");
-    simgv *first = NULL, *second = NULL;
+    cap_gvnet *net;
+    cap_gvcam *first = NULL, *second = NULL;
     struct pvx_diag d = {""};
-    T_EQ_I(simgv_new(&good, &first, &d), PVX_OK);
-    T_EQ_I(simgv_new(&good, &second, &d), PVX_EBUSY);
+    T_EQ_I(cap_gvnet_new(&net, &d), PVX_OK);
+    T_EQ_I(cap_gvcam_new(net, &good, &first, &d), PVX_OK);
+    T_EQ_I(cap_gvcam_new(net, &good, &second, &d), PVX_EBUSY);
     T_CONTAINS(d.text, "127.0.0.2");
-    simgv_free(&first);
-    T_EQ_I(simgv_new(&good, &second, NULL), PVX_OK); /* free again at once */
-    simgv_free(&second);
+    cap_gvcam_free(&first);
+    T_EQ_I(cap_gvcam_new(net, &good, &second, NULL), PVX_OK); /* free again at once */
+    cap_gvcam_free(&second);
     T_OK(second == NULL);
+    cap_gvnet_free(&net);
 }
