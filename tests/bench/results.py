@@ -135,10 +135,6 @@ section("Offline, raw pixels to volume", "offline", "Ring, RGB8. Wanted on two t
 say("", "## The paper's Figure 5", "", "100 frames of 7 simulated cameras, 640x480 in bins of 2x2, grids of 32 to 96, compared with an eighth",
     "camera. Run by `make bench ONLY=figure5`:", "", *["- " + l for l in log if l.startswith("figure 5, ")])
 
-scale = [l[7:] for l in log if l.startswith("scale: ")]
-say("", "## One recording by many processes", "", "`mpirun pyrovox reconstruct`, and the time that a night would take. Run by `make bench ONLY=scale`:", "",
-    *["- " + l for l in scale if not l.startswith("|")], "", *[l for l in scale if l.startswith("|")])
-
 products = table("products")
 section("One A and one A^T", "products", "The time over that to stream their entries. Wanted: 2",
         ["size", "basis", "channels", "threads", "kernels", "ms", "ratio"],
