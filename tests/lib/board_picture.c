@@ -10,15 +10,6 @@
 #include "recon/board/print.h"
 #include "recon/board/spec.h"
 
-void board_module_here(void)
-{
-    char exe[4000], lib[4100];
-    if (pvx_exe_dir(exe, sizeof exe) == PVX_OK) {
-        snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
-        setenv("PYROVOX_LIBDIR", lib, 0);
-    }
-}
-
 static double extent[2], origin[2]; /* of the board being drawn */
 
 static void measure(const struct rec_board *b)

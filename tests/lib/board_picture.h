@@ -6,9 +6,7 @@
 #ifndef TESTS_BOARD_PICTURE_H
 #define TESTS_BOARD_PICTURE_H
 #include "recon/board/board.h"
-
-/* The marker module is looked for beside the folder of the test. */
-void board_module_here(void);
+#include "tests/lib/plugins.h"
 
 struct board_shot {
     int32_t width, height;

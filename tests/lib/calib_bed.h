@@ -93,20 +93,9 @@ static inline void shoot(const struct rec_board *b, int camera, int pose, int fi
 /* The scratch folder, with the truth as true.yaml. */
 static inline void bed_begin(void)
 {
-    char here[200], *yaml = NULL;
-    size_t len;
-    board_module_here();
-    pvx_err e = pvx_exe_dir(here, sizeof here);
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
-    scratch_new();
+    cli_begin();
     set_up();
-    if (e == PVX_OK)
-        e = rec_rig_format(&truth, &yaml, &len);
-    if (e == PVX_OK)
-        e = pvx_file_write(at("true.yaml"), yaml, len, NULL);
-    free(yaml);
-    if (e != PVX_OK)
-        exit(1);
+    write_rig("true.yaml", &truth);
 }
 static inline void bed_end(void)
 {

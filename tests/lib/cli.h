@@ -5,8 +5,10 @@
 #include <sys/wait.h>
 
 #include "base/file.h"
+#include "recon/geom/rig.h"
 #include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
+#include "tests/t.h"
 
 static char exe[300];      /* folder of the programs */
 static char text[1 << 20]; /* of the file read last */
@@ -43,5 +45,39 @@ static inline const char *slurp(const char *name)
         free(t);
     }
     return text;
+}
+
+static inline void write_rig(const char *name, const struct rec_rig *r)
+{
+    char *yaml;
+    size_t len;
+    if (rec_rig_format(r, &yaml, &len) != PVX_OK ||
+        pvx_file_write(at("%s", name), yaml, len, NULL) != PVX_OK)
+        exit(1);
+    free(yaml);
+}
+
+/* `pyrovox BEFORE args` ends with `code`, and says that on standard error. */
+struct cli_case {
+    const char *args, *says;
+    int code;
+};
+static inline void cli_cases(const char *before, const struct cli_case *c, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        char args[600];
+        snprintf(args, sizeof args, "%s %s", before, c[i].args);
+        int code = pyrovox(args);
+        T_CHECK_(code == c[i].code, "%s: exit %d, want %d", args, code, c[i].code);
+        T_CONTAINS(slurp("err"), c[i].says);
+    }
+}
+#define CLI_CASES(before, list) cli_cases(before, list, sizeof(list) / sizeof *(list))
+
+/* Refused, and no.yaml is not written. */
+static inline void refused(const char *args, const char *says)
+{
+    cli_cases("", &(struct cli_case){args, says, 1}, 1);
+    T_OK(access(at("no.yaml"), F_OK) != 0);
 }
 #endif

@@ -146,15 +146,6 @@ T_CASE(the_same_bits_on_one_thread_and_nothing_written_over)
     T_EQ_S(slurp("rig.yaml"), first);
 }
 
-static void save_rig(const struct rec_rig *r, const char *name)
-{
-    char *yaml = NULL;
-    size_t len = 0;
-    T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
-    T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
-    free(yaml);
-}
-
 /* All cameras of the rig but `c` are those of `old`, bit for bit, and c is within `near` m of where it truly is. */
 static void only_one_new(const char *file, const struct rec_rig *old, size_t c, double near)
 {
@@ -191,7 +182,7 @@ T_CASE(one_camera_among_others_that_stay)
     old.cameras[1].gain[1] = 0.75F;
     old.cameras[3].uncertainty = (struct rec_uncertainty){0.01, 0.02, 0.03, 0.04};
     old.cameras[2].t[0] += 0.05;
-    save_rig(&old, "moved.yaml");
+    write_rig("moved.yaml", &old);
     T_EQ_I(pyrovox(SOLVE "take --board " BOARD
                          " --keep moved.yaml --recover cam2 --out recovered.yaml"),
            0);
@@ -206,7 +197,7 @@ T_CASE(one_camera_among_others_that_stay)
     old.cameras[2].t[0] -= 0.05;
     T_EQ_I(rec_rig_copy(&old, &less), PVX_OK);
     T_EQ_I(rec_rig_select(&less, "cam0,cam1,cam2", &d), PVX_OK);
-    save_rig(&less, "three.yaml");
+    write_rig("three.yaml", &less);
     T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --keep three.yaml --recover cam9 --out x.yaml"),
            1);
     T_CONTAINS(slurp("err"), "cam9: there are no pictures of it");
@@ -221,7 +212,7 @@ T_CASE(one_camera_among_others_that_stay)
     /* two entries that are one camera */
     memcpy(old.cameras[2].R, old.cameras[1].R, sizeof old.cameras[2].R);
     memcpy(old.cameras[2].t, old.cameras[1].t, sizeof old.cameras[2].t);
-    save_rig(&old, "copied.yaml");
+    write_rig("copied.yaml", &old);
     T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --keep copied.yaml --recover cam0 --out x.yaml"),
            1);
     T_CONTAINS(slurp("err"), "cam1 and cam2 at one place");

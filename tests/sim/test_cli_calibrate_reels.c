@@ -222,7 +222,7 @@ T_CASE(videos_give_the_rig)
 
 /* ---- what cannot be read ---- */
 
-static const char *refused(const char *what)
+static const char *sentence(const char *what)
 {
     char cmd[600];
     snprintf(cmd, sizeof cmd, SOLVE "%s --board " BOARD " " VOLUME " --out x.yaml --report x.html",
@@ -254,18 +254,18 @@ static void folder(const char *name)
 T_CASE(broken_takes_and_videos)
 {
     put("no.h5", "not a take", 10);
-    T_CONTAINS(refused("no.h5"), "no.h5");
+    T_CONTAINS(sentence("no.h5"), "no.h5");
     T_EQ_I(truncate(at("kept.json"), 0), 0);
-    T_CONTAINS(refused("kept.json"), "kept.json");
+    T_CONTAINS(sentence("kept.json"), "kept.json");
     T_EQ_I(truncate(at("take.h5"), 100000), 0);
-    T_CONTAINS(refused("take.h5"), "take.h5");
+    T_CONTAINS(sentence("take.h5"), "take.h5");
     folder("film");
     put("film/cam0.mp4", "not a film", 10);
-    T_CONTAINS(refused("film"), "film/cam0.mp4");
+    T_CONTAINS(sentence("film"), "film/cam0.mp4");
     put("film/cam0.mp4", "", 0);
-    T_CONTAINS(refused("film"), "film/cam0.mp4");
+    T_CONTAINS(sentence("film"), "film/cam0.mp4");
     put("film/\x1b[31m\nred.mp4", "", 0);
-    T_CONTAINS(refused("film"), "a name that no camera can have");
+    T_CONTAINS(sentence("film"), "a name that no camera can have");
 }
 
 T_CASE(broken_pictures)
@@ -277,19 +277,20 @@ T_CASE(broken_pictures)
     folder("bad/cam0");
     put("bad/cam0/000000.png", "", 0);
     put("bad/cam0/\x1b[J\n000001.png", "\211PNG\r\n\032\n", 8);
-    T_CONTAINS(refused("bad"), "cam0: none of its 2 pictures can be read: bad/cam0/000000.png: ");
+    T_CONTAINS(sentence("bad"), "cam0: none of its 2 pictures can be read: bad/cam0/000000.png: ");
     T_EQ_I(cap_image_save(at("bad/cam0/000002.npy"), nan, W, H, 1, &d), PVX_OK);
-    T_CONTAINS(refused("bad"), "cam0: the board is in none of 3 pictures");
+    T_CONTAINS(sentence("bad"), "cam0: the board is in none of 3 pictures");
     T_CONTAINS(slurp("x.html"), "?[J?000001.png");
     T_OK(strchr(slurp("out.txt"), '\x1b') == NULL);
     T_EQ_I(cap_image_save(at("bad/cam0/000003.npy"), nan, W, H - 2, 1, &d), PVX_OK);
-    T_CONTAINS(refused("bad"), "bad/cam0/000003.npy: 320 x 238 pixels, but other pictures of cam0");
-    T_CONTAINS(refused("bad --every 2"), "--every is for videos and takes");
+    T_CONTAINS(sentence("bad"),
+               "bad/cam0/000003.npy: 320 x 238 pixels, but other pictures of cam0");
+    T_CONTAINS(sentence("bad --every 2"), "--every is for videos and takes");
     put("bad/cam1.mp4", "", 0);
-    T_CONTAINS(refused("bad"), "side by side");
+    T_CONTAINS(sentence("bad"), "side by side");
     folder("name/<i>\n");
     put("name/<i>\n/000000.png", "", 0);
-    T_CONTAINS(refused("name"), "a name that no camera can have");
+    T_CONTAINS(sentence("name"), "a name that no camera can have");
 }
 
 /* ---- which instants ---- */

@@ -48,15 +48,6 @@ static void shrink(void)
             }
 }
 
-static void write_rig(const char *name, const struct rec_rig *r)
-{
-    char *yaml;
-    size_t len;
-    T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
-    T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
-    free(yaml);
-}
-
 /* line/: as cameras beside each other see it; line.yaml: one of them lies lower. */
 static void record_line(void)
 {
@@ -161,23 +152,15 @@ T_CASE(a_rig_refined)
 T_CASE(what_is_not_refined)
 {
     T_NOT_UNDER_TSAN();
-    static const struct {
-        const char *args, *says;
-    } bad[] = {{"--frames good --last 4", "5 frame sets: a refinement needs 6"},
-               {"--frames capped", "cam4 is wrong, but not its pose (dark): take the cap off"},
-               {"--frames still", "never moves"},
-               {"--frames two", "2 of 6 cameras see any flame"},
-               {"--frames speck", "fills too little of the pictures"},
-               {"--frames good --cameras cam0,cam1,cam2", "fewer than 4"}};
-    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        char args[200];
-        snprintf(args, sizeof args, "calibrate refine --rig rig.yaml %s --quiet --out no.yaml",
-                 bad[i].args);
-        T_EQ_I(pyrovox(args), 1);
-        if (!says("err", bad[i].says))
-            T_EQ_S(text, bad[i].says);
-        T_OK(access(at("no.yaml"), F_OK) != 0);
-    }
+    static const struct cli_case bad[] = {
+        {"--frames good --last 4", "5 frame sets: a refinement needs 6", 1},
+        {"--frames capped", "cam4 is wrong, but not its pose (dark): take the cap off", 1},
+        {"--frames still", "never moves", 1},
+        {"--frames two", "2 of 6 cameras see any flame", 1},
+        {"--frames speck", "fills too little of the pictures", 1},
+        {"--frames good --cameras cam0,cam1,cam2", "fewer than 4", 1}};
+    CLI_CASES("calibrate refine --rig rig.yaml --quiet --out no.yaml", bad);
+    T_OK(access(at("no.yaml"), F_OK) != 0);
     T_EQ_I(pyrovox("calibrate refine --rig rig.yaml --frames good"), 2);
     T_OK(says("err", "where to? --out refined.yaml"));
 }
@@ -196,10 +179,7 @@ T_CASE(cameras_in_a_line)
 T_CASE(what_cannot_be_judged)
 {
     T_NOT_UNDER_TSAN();
-    static const struct {
-        const char *args, *says;
-        int code;
-    } bad[] = {
+    static const struct cli_case bad[] = {
         {"--rig rig.yaml", "which flame?", 2},
         {"--frames good", "which rig?", 2},
         {"--rig rig.yaml --frames good --cameras cam0,cam1,cam2", "fewer than 4", 1},
@@ -213,14 +193,7 @@ T_CASE(what_cannot_be_judged)
         {"--rig rig.yaml --frames good --transfer x", "--transfer x", 2},
         {"--rig rig.yaml --frames good more", "takes options only", 2},
     };
-    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        char args[200];
-        snprintf(args, sizeof args, "calibrate check %s --quiet", bad[i].args);
-        T_EQ_I(pyrovox(args), bad[i].code);
-        if (!says("err", bad[i].says)) {
-            T_EQ_S(text, bad[i].says);
-        }
-    }
+    CLI_CASES("calibrate check --quiet", bad);
 }
 
 static void begin(void)

@@ -67,13 +67,6 @@ static struct rec_rig load(const char *name)
     return r;
 }
 
-static void refused(const char *args, const char *part)
-{
-    T_EQ_I(pyrovox(args), 1);
-    T_CONTAINS(slurp("err"), part);
-    T_OK(access(at("no.yaml"), F_OK) != 0);
-}
-
 static double nothing(size_t c, int g, int x, int y)
 {
     (void)c, (void)g, (void)x, (void)y;
@@ -333,13 +326,9 @@ static struct rec_rig seen; /* as the cameras stand there */
 /* Two thirds of the flame are in the picture of camera 2. */
 static void cut_rig(void)
 {
-    char *yaml;
-    size_t len;
     T_EQ_I(rec_rig_copy(&rig, &seen), PVX_OK);
     seen.cameras[2].cx -= 40;
-    T_EQ_I(rec_rig_format(&seen, &yaml, &len), PVX_OK);
-    T_EQ_I(pvx_file_write(at("cut.yaml"), yaml, len, NULL), PVX_OK);
-    free(yaml);
+    write_rig("cut.yaml", &seen);
 }
 
 /* Of how many channels, and what a camera makes of each beside its gain. */
@@ -554,14 +543,10 @@ T_CASE(maps_that_are_not_the_rigs)
 
 static void begin(void)
 {
-    char *yaml;
-    size_t len;
     cli_begin();
-    if (rec_rig_ring(N, 2.5, W, H, 16, &rig) != PVX_OK ||
-        rec_rig_format(&rig, &yaml, &len) != PVX_OK ||
-        pvx_file_write(at("rig.yaml"), yaml, len, NULL) != PVX_OK)
+    if (rec_rig_ring(N, 2.5, W, H, 16, &rig) != PVX_OK)
         exit(1);
-    free(yaml);
+    write_rig("rig.yaml", &rig);
 }
 
 static void end(void)

@@ -80,13 +80,6 @@ static void check_colours(const char *name, size_t to)
     rec_rig_fini(&r);
 }
 
-static void refused(const char *args, const char *part)
-{
-    T_EQ_I(pyrovox(args), 1);
-    T_CONTAINS(slurp("err"), part);
-    T_OK(access(at("no.yaml"), F_OK) != 0);
-}
-
 T_CASE(colours_to_one_camera)
 {
     for (int k = 0; k < 4; k++) {
@@ -247,17 +240,12 @@ T_CASE(noise_by_photon_transfer)
 static void begin(void)
 {
     static const float gains[N][3] = {{1, 1.1F, 0.9F}, {0.9F, 1, 1.2F}, {1.1F, 0.9F, 1}};
-    char *yaml;
-    size_t len;
     cli_begin();
     if (rec_rig_ring(N, 2.5, W, H, 16, &rig) != PVX_OK)
         exit(1);
     for (size_t c = 0; c < N; c++)
         memcpy(rig.cameras[c].gain, gains[c], sizeof gains[c]);
-    if (rec_rig_format(&rig, &yaml, &len) != PVX_OK ||
-        pvx_file_write(at("rig.yaml"), yaml, len, NULL) != PVX_OK)
-        exit(1);
-    free(yaml);
+    write_rig("rig.yaml", &rig);
 }
 
 static void end(void)

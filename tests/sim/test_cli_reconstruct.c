@@ -360,15 +360,6 @@ static double error_of_field(const char *name, struct rec_grid *g)
     return sqrt(e / sum);
 }
 
-static void write_rig(const char *name, const struct rec_rig *r)
-{
-    char *yaml;
-    size_t len;
-    T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
-    T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
-    free(yaml);
-}
-
 /* A rig with a box of eight times the volume: fitted, the same number of voxels gives less error. */
 T_CASE(volume_fitted_to_the_flame)
 {
@@ -573,10 +564,7 @@ T_CASE(animations)
     T_EQ_I(pyrovox("render --orbit 4 --size 40x50 --format npy vol/000000.npy turn"), 0);
     double turn = image_difference("turn/000000.npy", "turn/000001.npy");
     T_OK(turn > 0.05 && turn < 90); /* another side */
-    struct {
-        const char *args, *says;
-        int rc;
-    } wrong[] = {
+    static const struct cli_case wrong[] = {
         {"render --orbit 4 vol turn.png", "name a folder", 1},
         {"render --angle 4 vol turn.png", "name a folder", 1},
         {"render --angle 4 --eye 1,2,3 vol turn", "only one of", 2},
@@ -587,20 +575,12 @@ T_CASE(animations)
         {"render --orbit 4 vol/nope.npy x", "nope.npy", 1},
         {"render --rig rig.yaml --camera cam1 --size 4x4 vol x", "has its own", 2},
     };
-    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
-        int rc = pyrovox(wrong[i].args);
-        slurp("err");
-        T_CHECK_(rc == wrong[i].rc, "%s: exit %d, want %d", wrong[i].args, rc, wrong[i].rc);
-        T_CONTAINS(text, wrong[i].says);
-    }
+    CLI_CASES("", wrong);
 }
 
 T_CASE(wrong_use)
 {
-    static const struct {
-        const char *args, *says;
-        int rc;
-    } cases[] = {
+    static const struct cli_case cases[] = {
         {"reconstruct --rig rig.yaml --out x", "--frames", 2},
         {"reconstruct --rig nope.yaml --frames take --out x", "nope.yaml", 1},
         {"reconstruct --rig rig.yaml --frames nowhere --out x", "no frames", 1},
@@ -620,12 +600,7 @@ T_CASE(wrong_use)
         {"reconstruct --rig rig.yaml --frames take --out x --fit-volume=wide", "--fit-volume", 2},
         {"reconstruct --rig rig.yaml --frames take --out x --background nope", "nope", 1},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        int rc = pyrovox(cases[i].args);
-        slurp("err");
-        T_CHECK_(rc == cases[i].rc, "%s: exit %d, want %d", cases[i].args, rc, cases[i].rc);
-        T_CONTAINS(text, cases[i].says);
-    }
+    CLI_CASES("", cases);
 }
 
 T_CASE(grey_and_background)

@@ -171,66 +171,6 @@ T_CASE(restricted_solution_is_the_full_one_with_columns_removed)
     bed_free(&b);
 }
 
-/* Images made by S itself are exact.  A voxel that no ray of some camera meets shows in a real, area-
- * integrating pixel but not in S; so the voxels are taken from those that every seeing camera meets. */
-static bool has_entries(const rec_sysmat *S, const struct entries *all, size_t c, size_t j)
-{
-    for (uint32_t e = all->colptr[j]; e < all->colptr[j + 1]; e++)
-        if (all->row[e] >= S->row0[c] && all->row[e] < S->row0[c + 1])
-            return true;
-    return false;
-}
-static bool met_by_all(const rec_sysmat *S, const struct entries *all, size_t j)
-{
-    for (size_t c = 0; c < S->n_cameras; c++)
-        if (rec_rect_seen(rec_footprint(S, c, (int32_t)j)) && !has_entries(S, all, c, j))
-            return false;
-    return true;
-}
-T_CASE(hull_never_carves_what_carries_energy)
-{
-    struct bed b;
-    bed_new(&b, 1e-12F, NULL);
-    struct entries all = entries_of(b.sc.S);
-    const size_t *row0 = b.sc.S->row0;
-    size_t M = row0[CAMERAS], N = all.n;
-    double *x = pvx_calloc(N, sizeof *x), *y = pvx_calloc(M, sizeof *y);
-    for (int round = 0; round < 25; round++) {
-        memset(x, 0, N * sizeof *x);
-        memset(y, 0, M * sizeof *y);
-        int lit = 1 + (int)(t_rand() % 40);
-        for (int placed = 0; placed < lit;) {
-            size_t v = t_rand() % N;
-            if (!met_by_all(b.sc.S, &all, v))
-                continue;
-            x[v] = t_uniform(0.01, 1);
-            placed++;
-        }
-        plain_forward(&all, x, y);
-        rec_frame_reset(b.f);
-        for (size_t c = 0; c < CAMERAS; c++) {
-            float *in = rec_frame_input(b.f, c);
-            for (size_t i = 0; i < row0[c + 1] - row0[c]; i++)
-                for (int l = 0; l < 4; l++)
-                    in[i * 4 + (size_t)l] = l < 3 ? (float)y[row0[c] + i] : 0;
-            rec_frame_camera(b.f, c)->present = true;
-        }
-        rec_frame_carve(b.f);
-        const struct rec_subsys *a = rec_frame_subsys(b.f);
-        for (int32_t q = 0; q < a->n; q++)
-            x[a->col[q]] = 0;
-        for (size_t j = 0; j < N; j++)
-            T_CHECK_(x[j] == 0, "voxel %zu holds %g but was carved", j, x[j]);
-        const struct rec_hull_counts *h = &rec_frame_get_report(b.f)->hull;
-        T_EQ_I(h->inside + h->partial + h->outside, N);
-        T_EQ_I(a->n, h->inside + h->partial);
-    }
-    entries_free(&all);
-    free(x);
-    free(y);
-    bed_free(&b);
-}
-
 /* The whole chain against the truth: written bounds, and the default ahead of the paper's baseline. */
 T_CASE(default_solver_beats_the_baseline)
 {

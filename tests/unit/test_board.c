@@ -230,4 +230,4 @@ T_CASE(files_in_true_size)
     rec_print_fini(&p);
 }
 
-T_MAIN(board_module_here(), cairo_debug_reset_static_data())
+T_MAIN(plugins_of_this_build(), cairo_debug_reset_static_data())

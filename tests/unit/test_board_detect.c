@@ -356,4 +356,4 @@ T_CASE(hostile_pictures)
     rec_board_detector_free(&det);
 }
 
-T_MAIN(board_module_here(), rec_board_detector_free(&det))
+T_MAIN(plugins_of_this_build(), rec_board_detector_free(&det))

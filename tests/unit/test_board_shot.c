@@ -155,4 +155,4 @@ T_CASE(flat_on_the_floor)
                floor[i], 1e-12);
 }
 
-T_MAIN(board_module_here(), (void)0)
+T_MAIN(plugins_of_this_build(), (void)0)
