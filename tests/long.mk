@@ -3,7 +3,6 @@
 
 bench: setup-test ## all figures (build/bench/, tests/bench/RESULTS.md); ONLY=REGEX: these;
 ## AGAINST=DIR: beside another built checkout, in turns
-	@tests/setup.sh $(PACKAGES_BENCH)
 	@$(PARALLEL) built $(BENCH) $(B)/tests/bench/record
 	@$(if $(AGAINST),/usr/bin/python3 tests/bench/against.py $(B) $(AGAINST)/build,tests/bench/run.sh $(B) '$(ONLY)')
 

@@ -2,7 +2,6 @@
 import csv
 import datetime
 import os
-import shutil
 import subprocess
 import sys
 import textwrap
@@ -115,7 +114,6 @@ section("Judged from outside", "judge", "Every solver stops by itself. The first
         "plume: four views in, and the error of the whole fifth picture. The misfit's exponent was chosen on it",
         *judge.rows(judged))
 section("Judged from outside, in short", "judge", "From the table above", judge.SUMMARY, lambda: judge.summary(judged))
-say("", "![error against time](../../daemon/man/error-time.png)")
 
 offline = table("offline")
 
@@ -159,11 +157,6 @@ section("In shared memory", "share", "One core, from the message (f16, LZ4) to N
         ["flame", "voxels", "grids", "bricks", "MB", "unpack ms", "make ms", "both ms", "99 %", "bound ms", "make over bound"],
         lambda: [[r["flame"], r["voxels"] + "^3", r["grids"], r["bricks"], r["MB"], r["unpack ms"], r["make ms"], r["both ms"],
                   r["both p99 ms"], r["bound ms"], r["make over bound"]] for r in table("share")])
-section("Subscribers", "proto_fanout", "64^3, f16, 60 volumes/s by ipc. Each subscriber is a process that unpacks. Wanted with 16 and one that "
-        "is stopped: all volumes arrive, and the publisher's memory is bounded",
-        ["subscribers", "", "publish ms", "99 %", "came", "latency ms", "99 %", "grown MiB"],
-        lambda: [[r["healthy"], r["more"], r["publish p50"], r["publish p99"], "%.1f %%" % (100 * float(r["came share"])),
-                  r["latency p50"], r["latency p99"], r["grown MiB"]] for r in table("proto_fanout")])
 
 
 def advised():
@@ -208,7 +201,5 @@ live = folder / "live.md"
 say(live.read_text().strip() if live.exists() else "Not run.")
 take = [l.rstrip() for l in log if l.startswith(("plain write", "take", "reading back", "best of 3", "-- raw"))]
 say("", "## Raw recording", "", "```", *take, "```")
-if (folder / "error-time.png").exists():
-    shutil.copy(folder / "error-time.png", here / "../../daemon/man/error-time.png")
 (here / "RESULTS.md").write_text("\n".join(out) + "\n")
 print("written: %s" % (here / "RESULTS.md"))

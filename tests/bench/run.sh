@@ -1,7 +1,7 @@
 #!/bin/bash
-# Run every benchmark of build folder $1: tables here, CSV and a picture in $1/bench; a run of all of them
+# Run every benchmark of build folder $1: tables here, CSV in $1/bench; a run of all of them
 # writes tests/bench/RESULTS.md too.
-#   run.sh BUILD [FILTER]        FILTER: a regular expression, bench_model|pixels
+#   run.sh BUILD [FILTER]        FILTER: a regular expression, bench_judge|pixels
 #                                PYROVOX_DATA=DIR: the data that may not be shipped (../shared/data)
 # Ends with 1 where a benchmark failed, with 77 where a part could not run: NOT RUN lines say which, and
 # what it needs.
@@ -10,7 +10,7 @@ cd "$(dirname "$0")/../.."
 b=$1 filter=${2:-}
 out=$b/bench
 mkdir -p "$out"
-[ -z "$filter" ] && rm -f "$out"/*.csv "$out"/*.png "$out"/live.md
+[ -z "$filter" ] && rm -f "$out"/*.csv "$out"/live.md
 PYROVOX_LIBDIR=$(realpath "$b")/lib/pyrovox # videos are read by a module that lies there
 export PYROVOX_LIBDIR
 rc=0
@@ -54,7 +54,6 @@ figure5() { # the paper's: 100 frames of 7 cameras, 640x480 in bins of 2x2, five
     run view /usr/bin/python3 tests/view/bench.py "$b" # the page and its bridge, in a headless browser
     run blender /usr/bin/python3 tests/blender/bench.py "$b" # the add-on
     run judge /usr/bin/python3 tests/bench/judge.py "$out"
-    run plot /usr/bin/python3 tests/bench/plot.py "$out"
     echo "CSV: $out"
     exit $rc
 } 2>&1 | tee "$out/bench.txt"
