@@ -266,12 +266,4 @@ static inline void bv_done(struct bv_result *r)
     rec_rig_fini(&r->rig);
     rec_calib_report_fini(&r->report);
 }
-static inline void bv_print(const struct bv_result *r)
-{
-    printf("  volume error %.4f px rms, %.3f max (expected %.4f); single %.3f joint %.3f px, %d "
-           "iterations\n",
-           r->rms, r->worst, r->report.px, r->report.single, r->report.joint, r->report.iterations);
-    for (size_t i = 0; i < r->report.n_findings; i++)
-        printf("  %d %s\n", r->report.finding[i].severity, r->report.finding[i].text);
-}
 #endif

@@ -156,18 +156,28 @@ static pvx_err fake_record(void *ctx, bool start, const char *path, char *where,
     return start ? PVX_OK : pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
 }
 
+static struct dmn_control_ops fake_ops(void *ctx)
+{
+    return (struct dmn_control_ops){.status = fake_status,
+                                    .reset_latency = fake_reset,
+                                    .stop = fake_stop,
+                                    .record = fake_record,
+                                    .ctx = ctx};
+}
+
+static void answers(const struct dmn_control_ops *ops, const char *request, const char *part)
+{
+    static char reply[DMN_REPLY_MAX];
+    size_t n = dmn_control_handle(ops, request, strlen(request), reply, sizeof reply);
+    T_EQ_I(n, strlen(reply));
+    T_CONTAINS(reply, part);
+}
+
 static void answer_is(const char *request, const char *part)
 {
     int fits = 1;
-    char reply[600];
-    struct dmn_control_ops ops = {.status = fake_status,
-                                  .reset_latency = fake_reset,
-                                  .stop = fake_stop,
-                                  .record = fake_record,
-                                  .ctx = &fits};
-    size_t n = dmn_control_handle(&ops, request, strlen(request), reply, sizeof reply);
-    T_EQ_I(n, strlen(reply));
-    T_CONTAINS(reply, part);
+    const struct dmn_control_ops ops = fake_ops(&fits);
+    answers(&ops, request, part);
 }
 
 T_CASE(control_answers)
@@ -202,25 +212,14 @@ T_CASE(control_answers)
     answer_is(long_one, "longer than");
     /* a status that does not fit is an answer too */
     int fits = 0;
-    char reply[600];
-    struct dmn_control_ops ops = {.status = fake_status,
-                                  .reset_latency = fake_reset,
-                                  .stop = fake_stop,
-                                  .record = fake_record,
-                                  .ctx = &fits};
-    dmn_control_handle(&ops, "{\"cmd\":\"status\"}", 16, reply, sizeof reply);
-    T_CONTAINS(reply, "does not fit");
+    struct dmn_control_ops ops = fake_ops(&fits);
+    answers(&ops, "{\"cmd\":\"status\"}", "does not fit");
     /* over the network nobody says which file to write */
-    static const char take[] = "{\"cmd\":\"record\",\"action\":\"start\",\"path\":\"/a.h5\"}";
     ops.remote = true;
-    dmn_control_handle(&ops, take, strlen(take), reply, sizeof reply);
-    T_CONTAINS(reply, "goes to the folder of record.path");
-    static const char snapshot[] = "{\"cmd\":\"snapshot\",\"path\":\"/a\"}";
-    dmn_control_handle(&ops, snapshot, strlen(snapshot), reply, sizeof reply);
-    T_CONTAINS(reply, "goes to the folder of record.path");
-    static const char up[] = "{\"cmd\":\"snapshot\",\"name\":\"../a\"}";
-    dmn_control_handle(&ops, up, strlen(up), reply, sizeof reply);
-    T_CONTAINS(reply, "name should be");
+    answers(&ops, "{\"cmd\":\"record\",\"action\":\"start\",\"path\":\"/a.h5\"}",
+            "goes to the folder of record.path");
+    answers(&ops, "{\"cmd\":\"snapshot\",\"path\":\"/a\"}", "goes to the folder of record.path");
+    answers(&ops, "{\"cmd\":\"snapshot\",\"name\":\"../a\"}", "name should be");
 }
 
 static pvx_err fake_background(void *ctx, uint32_t sets, struct pvx_diag *d)
@@ -239,14 +238,10 @@ static void fake_background_state(void *ctx, struct dmn_background_state *out)
 T_CASE(background_requests)
 {
     uint32_t sets = 99;
-    char reply[600];
-    const struct dmn_control_ops ops = {.status = fake_status,
-                                        .reset_latency = fake_reset,
-                                        .stop = fake_stop,
-                                        .record = fake_record,
-                                        .ctx = &sets,
-                                        .background = fake_background,
-                                        .background_state = fake_background_state};
+    const struct dmn_control_ops cannot = fake_ops(&sets);
+    struct dmn_control_ops ops = cannot;
+    ops.background = fake_background;
+    ops.background_state = fake_background_state;
     static const struct {
         const char *request, *answer;
         uint32_t sets;
@@ -261,17 +256,10 @@ T_CASE(background_requests)
         {"{\"cmd\":\"background\",\"sets\":null}", "whole number", 3},
         {"{\"cmd\":\"background\"}", "\"failed\",\"sets\":3,\"have\":1,\"why\":\"it \\\"moves", 3}};
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        dmn_control_handle(&ops, of[i].request, strlen(of[i].request), reply, sizeof reply);
-        T_CONTAINS(reply, of[i].answer);
+        answers(&ops, of[i].request, of[i].answer);
         T_EQ_I(sets, of[i].sets);
     }
-    const struct dmn_control_ops cannot = {.status = fake_status,
-                                           .reset_latency = fake_reset,
-                                           .stop = fake_stop,
-                                           .record = fake_record,
-                                           .ctx = &sets};
-    dmn_control_handle(&cannot, of[0].request, strlen(of[0].request), reply, sizeof reply);
-    T_CONTAINS(reply, "not possible here");
+    answers(&cannot, of[0].request, "not possible here");
 }
 
 static struct dmn_config in_effect;
@@ -298,14 +286,10 @@ static pvx_err fake_reload(void *ctx, struct pvx_diag *d)
 
 T_CASE(options_are_read_and_set)
 {
-    static char reply[DMN_REPLY_MAX];
-    struct dmn_control_ops ops = {.status = fake_status,
-                                  .reset_latency = fake_reset,
-                                  .stop = fake_stop,
-                                  .record = fake_record,
-                                  .config = fake_config,
-                                  .apply = fake_apply,
-                                  .reload_keys = fake_reload};
+    struct dmn_control_ops ops = fake_ops(NULL);
+    ops.config = fake_config;
+    ops.apply = fake_apply;
+    ops.reload_keys = fake_reload;
     static const struct {
         const char *request, *answer;
         int applied; /* by then */
@@ -346,8 +330,7 @@ T_CASE(options_are_read_and_set)
     applied = 0;
     int before = stops;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        dmn_control_handle(&ops, of[i].request, strlen(of[i].request), reply, sizeof reply);
-        T_CONTAINS(reply, of[i].answer);
+        answers(&ops, of[i].request, of[i].answer);
         T_EQ_I(applied, of[i].applied);
     }
     T_EQ_I(stops, before);
@@ -441,11 +424,7 @@ T_CASE(second_control_socket_is_refused)
     scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     int fits = 1;
-    struct dmn_control_ops ops = {.status = fake_status,
-                                  .reset_latency = fake_reset,
-                                  .stop = fake_stop,
-                                  .record = fake_record,
-                                  .ctx = &fits};
+    const struct dmn_control_ops ops = fake_ops(&fits);
     dmn_control *a = NULL, *b = NULL;
     struct pvx_diag d = {0};
     T_EQ_I(dmn_control_new(endpoint, NULL, &ops, &a, &d), PVX_OK);
@@ -470,7 +449,7 @@ static size_t slow_status(void *ctx, char *out, size_t size)
 
 static void *request(void *zmq, const char *endpoint, const char *text)
 {
-    int none = 0, patience_ms = 30000;
+    int none = 0, patience_ms = 600000;
     void *s = zmq_socket(zmq, ZMQ_REQ);
     zmq_setsockopt(s, ZMQ_LINGER, &none, sizeof none);
     zmq_setsockopt(s, ZMQ_RCVTIMEO, &patience_ms, sizeof patience_ms);

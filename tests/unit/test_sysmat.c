@@ -11,7 +11,7 @@
 #include "tests/lib/scratch.h"
 #include "tests/t.h"
 #include "tests/lib/centre.h"
-#include "tests/lib/entries.h"
+#include "tests/lib/ray_entries.h"
 
 static int files_in_dir(void)
 {
@@ -205,48 +205,27 @@ T_CASE(row_sums_at_64)
     done(&m, &r);
 }
 
+struct plain {
+    const struct rec_grid *grid;
+    int32_t *index;
+    float *value;
+};
+static void add_plain(void *ctx, const double o[3], const double d[3], double share, double *want)
+{
+    const struct plain *p = ctx;
+    size_t n = rec_traverse(p->grid, o, d, p->index, p->value);
+    for (size_t i = 0; i < n; i++)
+        want[p->index[i]] += share * p->value[i];
+}
+
 /* Every entry once more, straight from the ray; nothing else is stored. */
 static void entries_are_rays(const struct rec_rig *r, const rec_sysmat *m)
 {
-    size_t N = rec_grid_count(&r->grid), c = 0;
-    double *want = calloc(N, sizeof *want), worst = 0;
-    int32_t *index = malloc(rec_traverse_max(&r->grid) * sizeof *index);
-    float *value = malloc(rec_traverse_max(&r->grid) * sizeof *value);
-    uint32_t *at = malloc(N * sizeof *at);
-    struct entries all = entries_of(m);
-    int32_t rays = m->rays_per_bin, binning = m->binning;
-    memcpy(at, all.colptr, N * sizeof *at);
-    for (uint32_t row = 0; row < m->row0[r->n_cameras]; row++) {
-        while (row >= m->row0[c + 1])
-            c++;
-        uint32_t bw = (uint32_t)m->block[c].bw, bin = row - (uint32_t)m->row0[c];
-        memset(want, 0, N * sizeof *want);
-        for (int q = 0; q < rays * rays; q++) {
-            double u = (bin % bw + (q % rays + 0.5) / rays) * binning - 0.5;
-            double v = (bin / bw + (q / rays + 0.5) / rays) * binning - 0.5;
-            double o[3], d[3];
-            T_OK(rec_camera_ray(&r->cameras[c], u, v, o, d));
-            size_t n = rec_traverse(&r->grid, o, d, index, value);
-            for (size_t i = 0; i < n; i++)
-                want[index[i]] += value[i] / (rays * rays);
-        }
-        for (size_t j = 0; j < N; j++) {
-            double got = 0;
-            if (at[j] < all.colptr[j + 1] && all.row[at[j]] == row) {
-                got = entries_value(&all, at[j]++);
-                T_OK(want[j] > 0); /* nothing that no ray meets */
-            }
-            worst = fmax(worst, fabs(got - want[j]));
-        }
-    }
-    for (size_t j = 0; j < N; j++) /* all used: rows ascend and none is there twice */
-        T_EQ_I(at[j], all.colptr[j + 1]);
-    T_LE(worst, 1.0001 * m->unit);
-    entries_free(&all);
-    free(at);
-    free(want);
-    free(index);
-    free(value);
+    size_t most = rec_traverse_max(&r->grid), empty;
+    struct plain p = {&r->grid, malloc(most * sizeof *p.index), malloc(most * sizeof *p.value)};
+    T_LE(entries_against_rays(r, m, add_plain, &p, 0, &empty), 1.0001 * m->unit);
+    free(p.index);
+    free(p.value);
 }
 static void entries(enum rec_basis basis, int32_t binning, int32_t rays)
 {

@@ -4,7 +4,7 @@
 #include "recon/geom/traverse.h"
 #include "tests/lib/body_mesh.h"
 #include "tests/lib/centre.h"
-#include "tests/lib/entries.h"
+#include "tests/lib/ray_entries.h"
 #include "tests/t.h"
 
 /* ---- entries --------------------------------------------------------------------------------------- */
@@ -50,17 +50,18 @@ static double brute_hit(const double o[3], const double d[3])
 }
 
 struct ray {
+    const struct rec_grid *grid;
     int32_t *index;
     float *value;
     int stopped;
 };
 
 /* The whole ray, less what it would have met from where it ends on. */
-static void add_ray(const struct rec_rig *r, struct ray *w, const double o[3], const double d[3],
-                    double share, double *want)
+static void add_clipped(void *ctx, const double o[3], const double d[3], double share, double *want)
 {
+    struct ray *w = ctx;
     double end = brute_hit(o, d), from[3];
-    size_t n = rec_traverse(&r->grid, o, d, w->index, w->value);
+    size_t n = rec_traverse(w->grid, o, d, w->index, w->value);
     for (size_t i = 0; i < n; i++)
         want[w->index[i]] += share * w->value[i];
     if (!isfinite(end))
@@ -68,49 +69,18 @@ static void add_ray(const struct rec_rig *r, struct ray *w, const double o[3], c
     w->stopped++;
     for (int a = 0; a < 3; a++)
         from[a] = o[a] + end * d[a];
-    n = rec_traverse(&r->grid, from, d, w->index, w->value);
+    n = rec_traverse(w->grid, from, d, w->index, w->value);
     for (size_t i = 0; i < n; i++)
         want[w->index[i]] -= share * w->value[i];
 }
 
 static void entries_are_clipped_rays(const struct rec_rig *r, const rec_sysmat *m)
 {
-    size_t N = rec_grid_count(&r->grid), c = 0, max = rec_traverse_max(&r->grid), hidden = 0;
-    double *want = pvx_calloc(N, sizeof *want), worst = 0;
-    struct ray w = {pvx_calloc(max, sizeof *w.index), pvx_calloc(max, sizeof *w.value), 0};
-    uint32_t *at = pvx_calloc(N, sizeof *at);
-    struct entries all = entries_of(m);
-    int32_t rays = m->rays_per_bin, binning = m->binning;
-    memcpy(at, all.colptr, N * sizeof *at);
-    for (uint32_t row = 0; row < m->row0[r->n_cameras]; row++) {
-        while (row >= m->row0[c + 1])
-            c++;
-        uint32_t bw = (uint32_t)m->block[c].bw, bin = row - (uint32_t)m->row0[c];
-        memset(want, 0, N * sizeof *want);
-        for (int q = 0; q < rays * rays; q++) {
-            double u = (bin % bw + (q % rays + 0.5) / rays) * binning - 0.5, o[3], d[3];
-            double v = (bin / bw + (q / rays + 0.5) / rays) * binning - 0.5;
-            T_OK(rec_camera_ray(&r->cameras[c], u, v, o, d));
-            add_ray(r, &w, o, d, 1.0 / (rays * rays), want);
-        }
-        for (size_t j = 0; j < N; j++) {
-            double got = 0;
-            if (at[j] < all.colptr[j + 1] && all.row[at[j]] == row) {
-                got = entries_value(&all, at[j]++);
-                T_OK(want[j] > 1e-9); /* nothing behind */
-            }
-            worst = fmax(worst, fabs(got - want[j]));
-        }
-    }
-    for (size_t j = 0; j < N; j++) {
-        T_EQ_I(at[j], all.colptr[j + 1]);
-        hidden += all.colptr[j] == all.colptr[j + 1];
-    }
-    T_LE(worst, 1.001 * m->unit);
+    size_t max = rec_traverse_max(&r->grid), hidden;
+    struct ray w = {&r->grid, pvx_calloc(max, sizeof *w.index), pvx_calloc(max, sizeof *w.value),
+                    0};
+    T_LE(entries_against_rays(r, m, add_clipped, &w, 1e-9, &hidden), 1.001 * m->unit);
     T_OK(w.stopped > 80);
-    entries_free(&all);
-    free(at);
-    free(want);
     free(w.index);
     free(w.value);
     if (r->grid.basis == REC_BOX && r->grid.n[0] > 12) /* the inside of the box */
