@@ -1,4 +1,4 @@
-/* encoder.h - what the files that write messages share (private to proto). */
+/* encoder.h - shared by the files that write messages (private to proto). */
 #ifndef PVP_ENCODER_H
 #define PVP_ENCODER_H
 #include <zstd.h>

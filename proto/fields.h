@@ -1,4 +1,4 @@
-/* fields.h - the fields of the messages in their order, and what else encoder and decoder both ask (private
+/* fields.h - the fields of the messages in their order, and other parts that encoder and decoder share (private
  * to proto). */
 #ifndef PVP_FIELDS_H
 #define PVP_FIELDS_H

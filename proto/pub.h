@@ -1,12 +1,12 @@
 /* pub.h - the publisher: a ZeroMQ XPUB socket (PUB that counts its subscribers), and a second one for
- * endpoints that ask who comes (auth.h), used by one thread.
+ * endpoints that need keys (auth.h).
  *
- * PUB drops in silence for a subscriber that does not read; so every message carries a sequence
+ * PUB drops messages silently for a subscriber that does not read.  So every message carries a sequence
  * number that counts all messages of the session, and clients count gaps.  `start` is repeated every
- * second for late joiners, and who subscribes gets it at once, and `rig` behind it: that once a second at most,
- * however many come.  Sending never blocks; a subscriber that does not read costs at most
- * send_hwm messages of memory.  Nothing of its own is allocated per message (libzmq copies each).
- * Threads: one at a time; another may have made it. */
+ * second.  A new subscriber also gets it at once, followed by `rig`, which is sent at most once a second.
+ * Sending never blocks.  A subscriber that does not read costs at most send_hwm messages of memory.  The
+ * publisher allocates nothing per message (libzmq copies each).
+ * Threads: one at a time, also another than its creator. */
 #ifndef PVP_PUB_H
 #define PVP_PUB_H
 #include "proto/auth.h"
@@ -26,7 +26,7 @@ struct pvp_pub_params {
 };
 #define PVP_PUB_PATIENCE_S 5
 /* Binds all endpoints and sends the first start.  Errors, diag filled: PVX_EBUSY (an endpoint is in
- * use: says which and what to do), PVX_EINVAL (not an endpoint, grid), PVX_ENOENT, PVX_EPERM
+ * use: diag names it and the remedy), PVX_EINVAL (not an endpoint, grid), PVX_ENOENT, PVX_EPERM
  * (folder of an ipc:// endpoint), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct pvp_start *start,
                                    pvp_pub **out, struct pvx_diag *d);
@@ -40,7 +40,7 @@ void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp);
  * cut to 63 bytes; the struct pvp_preview of PVP_PREVIEW.  The session is the start's.  Errors: as the type's pvp_encode_*. */
 PVX_MUST_CHECK pvx_err pvp_pub_say(pvp_pub *p, enum pvp_type type, const void *what);
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
-/* Subscriptions that were open at the last tick; whoever is counted has been sent start. */
+/* Subscriptions that were open at the last tick.  All of them have been sent `start`. */
 size_t pvp_pub_subscribers(const pvp_pub *p);
 /* Waits at most a quarter of a second (lossless: a minute) for what is still on its way out. */
 void pvp_pub_free(pvp_pub **p);

@@ -23,8 +23,8 @@ enum pvp_type {
     PVP_STATUS = 300,
     PVP_END = 400,
     PVP_RIG = 500,    /* since 1.1, as all that follow */
-    PVP_EVENT = 600,  /* something has happened, as JSON */
-    PVP_PREVIEW = 700 /* what the cameras see; on an endpoint of its own */
+    PVP_EVENT = 600,  /* an event, as JSON */
+    PVP_PREVIEW = 700 /* the cameras' pictures, on an endpoint of its own */
 };
 enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
 enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
@@ -40,10 +40,10 @@ enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
 #define PVP_VERSION_MAJOR 1
 #define PVP_VERSION_MINOR 1
 
-/* Header flags.  The lower 16 may be ignored by who does not know them, the upper 16 may not. */
+/* Header flags.  A reader may ignore unknown flags among the lower 16, but not among the upper 16. */
 #define PVP_FLAG_CLAMPED 1u /* volume in f16: some value was beyond +-65504 and was cut to it */
 
-/* What a subscription to all messages filters on; with the type's two bytes after it, to one type. */
+/* Prefix of a subscription to all messages.  Followed by a type's two bytes: to that type. */
 #define PVP_SUBSCRIBE_ALL "PVX1"
 
 struct pvp_grid {
@@ -124,10 +124,10 @@ PVX_MUST_CHECK pvx_err pvp_encode_rig(pvp_encoder *e, uint64_t sequence, uint64_
 /* JSON text as it is; PVX_ERANGE above PVP_EVENT_MAX. */
 PVX_MUST_CHECK pvx_err pvp_encode_event(pvp_encoder *e, uint64_t sequence, const char *json,
                                         const void **msg, size_t *len);
-/* What one camera saw.  Written or read, the bytes are borrowed. */
+/* One camera's picture and silhouette.  The bytes are borrowed, in both directions. */
 struct pvp_preview_camera {
     char name[64];
-    bool left_out;          /* it was there and was not believed */
+    bool left_out;          /* present and not believed */
     uint32_t width, height; /* of the picture; 0 0: none, the camera gave no frame */
     const uint8_t *jpeg;    /* [jpeg_len] */
     size_t jpeg_len;        /* 0: no picture */
@@ -201,7 +201,7 @@ PVX_MUST_CHECK pvx_err pvp_decode_rig(const void *msg, size_t len, uint64_t *rig
                                       const char **yaml, size_t *yaml_len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_event(const void *msg, size_t len, const char **json,
                                         size_t *json_len, struct pvx_diag *d);
-/* Pictures are not looked into: whoever decodes a JPEG checks that it has the size that is said. */
+/* Pictures are not decoded here.  A reader that decodes a JPEG must check its size against width and height. */
 PVX_MUST_CHECK pvx_err pvp_decode_preview(const void *msg, size_t len, struct pvp_preview *out,
                                           struct pvx_diag *d);
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
-/* bell.h - one thread sleeps until another rings.  Who rings takes no lock and waits for nobody; a ring
- * before the wait is not lost, several may be answered at once, and a wait may end without one: look.
- * What was written before the ring is seen after the wait that it ends. */
+/* bell.h - one thread sleeps until another rings.  Ringing takes no lock and never waits.  A ring before the wait
+ * is not lost.  One wait may answer several rings, and may end without one, so check the condition again.
+ * Writes before the ring are visible after the wait that it ends. */
 #ifndef PVX_BELL_H
 #define PVX_BELL_H
 #include <semaphore.h>

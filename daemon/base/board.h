@@ -1,9 +1,9 @@
-/* board.h - a small value that one thread writes and any thread reads, whole.  The writer never waits; a
- * reader looks again when it was written meanwhile (H.-J. Boehm, MSPC 2012: sequence locks).
+/* board.h - a small value that one thread writes and any thread reads, whole.  The writer never waits.  A
+ * reader reads again if the value was written meanwhile (H.-J. Boehm, MSPC 2012: sequence locks).
  *
  *     turn    odd while the words change
- * The words are stored with release and loaded with acquire: who sees a new word sees that the turn is
- * odd, or over.  All zero is a board of zeros. */
+ * The words are stored with release and loaded with acquire, so a reader of a new word sees that the turn is
+ * odd, or has changed.  All zero is a board of zeros. */
 #ifndef PVX_BOARD_H
 #define PVX_BOARD_H
 #include <stdatomic.h>

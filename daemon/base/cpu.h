@@ -1,7 +1,7 @@
-/* cpu.h - which instruction sets the inner loops may use, asked in one place.
+/* cpu.h - the instruction sets that the inner loops may use.
  *
  * A table of loops is filled for a level: first every slot with the reference in plain C, then each
- * instruction set up to the level overwrites the slots that it has.  A slot that nobody overwrites is
+ * instruction set up to the level overwrites the slots that it has.  A slot without a faster loop stays
  * the reference.
  * Threads: any may call; pvx_cpu_use belongs to the program's start. */
 #ifndef PVX_CPU_H
@@ -20,10 +20,10 @@ enum pvx_cpu {
 const char *pvx_cpu_name(enum pvx_cpu level);
 /* What this processor can do. */
 enum pvx_cpu pvx_cpu_have(void);
-/* Narrow to a level by its name; NULL: what the environment variable PYROVOX_CPU says, else all there
- * is.  PVX_EINVAL, with the names that this processor has: no such level here. */
+/* Limit to a level by its name.  NULL: the environment variable PYROVOX_CPU, else the best level.  PVX_EINVAL: this
+ * processor has no such level (diag lists those it has). */
 PVX_MUST_CHECK pvx_err pvx_cpu_use(const char *name, struct pvx_diag *d);
-/* The level to use.  Where pvx_cpu_use was never called PYROVOX_CPU counts if it is right. */
+/* The level to use.  Without a call of pvx_cpu_use, a valid PYROVOX_CPU counts. */
 enum pvx_cpu pvx_cpu(void);
 
 /* Processors that the calling thread may run on, at least one: what taskset, mpirun, Slurm or CPUAffinity= leave it. */

@@ -1,8 +1,8 @@
 /* err.h - the one error enum of the product, and the text that goes with an error.
  *
  * A fallible function returns pvx_err and is PVX_MUST_CHECK.  Parsers and file formats also take
- * a `struct pvx_diag *` (may be NULL) and put into it the one line a person needs: file, line,
- * key or camera, reason, remedy.  Whoever meets the cause fills it; callers pass it on untouched.
+ * a `struct pvx_diag *` (may be NULL) and put one line into it: file, line,
+ * key or camera, reason, remedy.  The function that finds the cause fills it.  Callers pass it on unchanged.
  * Threads: everything here is re-entrant; a pvx_diag belongs to one thread at a time. */
 #ifndef PVX_ERR_H
 #define PVX_ERR_H
@@ -24,8 +24,8 @@ typedef enum pvx_err {
     PVX_ESTALE,    /* made for another rig, grid or version of the inputs */
     PVX_EVERSION,  /* a newer or unknown format version */
     PVX_ERANGE,    /* does not fit the fixed size chosen at start-up */
-    PVX_EBUSY,     /* in use by somebody else: port, device, lock file */
-    PVX_ETIMEDOUT, /* nothing came in the time given: a state, not a fault */
+    PVX_EBUSY,     /* in use by another program: port, device, lock file */
+    PVX_ETIMEDOUT, /* nothing arrived in time: a state, not a fault */
     PVX_ECANCELED, /* stopped on request */
     PVX_ENOSPC,    /* disk full */
     PVX_EPERM,     /* not allowed */

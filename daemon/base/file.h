@@ -1,8 +1,8 @@
 /* file.h - whole-file reading and crash-safe writing.
  *
- * Read is what comes to an end: a regular file, or a pipe without a name, which whoever started us has opened
- * (/dev/stdin, the shell's <(...)).  Folders, devices, sockets and named pipes, whose writer may never come, are
- * refused with PVX_EFORMAT, by name and with the remedy. */
+ * Only input with an end is read: a regular file, or a pipe without a name that the parent process opened
+ * (/dev/stdin, the shell's <(...)).  Folders, devices, sockets and named pipes are refused with PVX_EFORMAT, by name and
+ * with the remedy. */
 #ifndef PVX_FILE_H
 #define PVX_FILE_H
 #include <stddef.h>
@@ -17,7 +17,7 @@ PVX_MUST_CHECK pvx_err pvx_file_open(const char *path, int *fd, struct pvx_diag 
  * Owner: caller, free().  Errors: those of pvx_file_check, PVX_EIO, PVX_ERANGE (too large). */
 PVX_MUST_CHECK pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len,
                                      struct pvx_diag *d);
-/* The same of a frame, which somebody may hand over through a named pipe: it is waited for. */
+/* The same for a frame.  It may come through a named pipe, so this waits for the writer. */
 PVX_MUST_CHECK pvx_err pvx_file_await(const char *path, size_t max, char **out, size_t *len,
                                       struct pvx_diag *d);
 
@@ -26,7 +26,7 @@ PVX_MUST_CHECK pvx_err pvx_file_await(const char *path, size_t max, char **out, 
 PVX_MUST_CHECK pvx_err pvx_file_write(const char *path, const void *data, size_t len,
                                       struct pvx_diag *d);
 
-/* What was written to `path` by anybody outlives a power cut from now on: fsync. */
+/* fsync: all data written to `path` so far survives a power cut. */
 PVX_MUST_CHECK pvx_err pvx_file_sync(const char *path, struct pvx_diag *d);
 
 /* mkdir -p, mode 0777 & ~umask. */

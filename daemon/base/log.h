@@ -4,9 +4,9 @@
  * One write(2) per line, or one call of the sink.  Threads: any thread may log; the frame path uses
  * LOG_EVERY only.  Never log in a camera's driver callback.
  *
- * What may repeat for a week is bounded: LOG_EVERY by its place, LOG_ABOUT by cause and camera. 8 lines come as they
- * are (LOG_EVERY's a second apart), the next 1, 2, 4... s apart, and then one an hour, each with the number of those
- * that were kept back: 187 lines in a week.  After an hour without any it begins anew. */
+ * Repeated lines are limited: LOG_EVERY by its place, LOG_ABOUT by cause and camera.  The first 8 lines are written at
+ * once (LOG_EVERY's a second apart), the next 1, 2, 4... s apart, then one an hour.  Each gives the number of suppressed
+ * lines: 187 lines in a week.  An hour without any resets the limit. */
 #ifndef PVX_LOG_H
 #define PVX_LOG_H
 #include <stdbool.h>
@@ -26,7 +26,7 @@ PVX_MUST_CHECK pvx_err pvx_log_level_parse(const char *name, enum pvx_log_level 
 void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const char *fmt, ...)
     PVX_PRINTF(3, 4);
 
-/* What a line is about, for those who search (journal fields PYROVOX_CAUSE, _CAMERA, _SET); what is not said is 0. */
+/* Subject of a line, for searches (journal fields PYROVOX_CAUSE, _CAMERA, _SET).  0: not given. */
 struct pvx_about {
     const char *cause;  /* a word: "lost_camera" */
     const char *camera; /* its name in the rig */
@@ -34,15 +34,15 @@ struct pvx_about {
     uint64_t set;
 };
 
-/* Of those of one cause and camera - two sides of a trouble, that it begins and that it is over, are one cause - not
- * all may go out at once; the last one always does, sooner or later (pvx_log_flush). */
+/* Lines of one cause and camera are limited together.  Begin and end of a trouble are one cause.  The last line is
+ * always written in the end (pvx_log_flush). */
 void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
                    const struct pvx_about *about, const char *fmt, ...) PVX_PRINTF(4, 5);
-/* Let out what is due of what LOG_ABOUT kept back; now and then.  `all`: at the end, whether due or not. */
+/* Write the suppressed lines of LOG_ABOUT that are due.  Call it now and then.  `all`: at the end, also those not due. */
 void pvx_log_flush(bool all);
 
 /* Where lines go instead of stderr: text begins with "topic: " and has no newline at its end; `about` may be NULL.
- * Any thread.  Returns whether it took it; what it did not goes to stderr.  NULL: stderr. */
+ * Any thread.  Returns whether it took the line, which else goes to stderr.  NULL: stderr. */
 typedef bool pvx_log_sink(enum pvx_log_level level, const struct pvx_about *about,
                           const char *text);
 void pvx_log_set_sink(pvx_log_sink *sink);

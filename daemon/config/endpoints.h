@@ -1,4 +1,4 @@
-/* endpoints.h - where the daemon listens and where its clients look when nobody says otherwise.
+/* endpoints.h - the default endpoints of the daemon and of its clients.
  *
  * Under systemd (RuntimeDirectory=pyrovox): ipc:///run/pyrovox/{volumes,control}.  Started by hand:
  * ipc:///tmp/pyrovox-UID/{volumes,control}, in a folder of mode 0700 that belongs to the user, so
@@ -24,14 +24,14 @@ const char *dmn_client_endpoint(enum dmn_endpoint kind);
  * to it (diag names it). */
 PVX_MUST_CHECK pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d);
 
-/* Whom an endpoint lets in, whatever they are: nothing of ours asks who they are. */
+/* Reach of an endpoint.  Within it, no client is asked for its identity. */
 enum dmn_reach {
     DMN_REACH_FILE, /* ipc:// with a path: whom its folder's mode lets in */
     DMN_REACH_HOST, /* every user of this host: loopback addresses, abstract ipc://@ */
     DMN_REACH_NET   /* other hosts: all else, names and wildcards too */
 };
 enum dmn_reach dmn_endpoint_reach(const char *endpoint);
-/* Whether who comes there has to have a key: one that is beyond what needs none, where there are keys. */
+/* Whether clients there need a key: keys are configured, and the endpoint is beyond those that need none. */
 bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum dmn_endpoint kind);
 
 /* publish.compress; `auto` is LZ4 where volumes go to other hosts, and none where all readers are on this one

@@ -1,4 +1,4 @@
-/* keys.h - the daemon's keys, wherever the configuration says that they lie.
+/* keys.h - the daemon's keys, from the places in the configuration.
  *
  * keys.server and keys.clients are files, or "credential:NAME": what systemd gives to the service alone
  * (LoadCredential=), a file in $CREDENTIALS_DIRECTORY. */

@@ -1,4 +1,4 @@
-/* options.h - one table of everything pyrovoxd.yaml may say.
+/* options.h - the table of all keys of pyrovoxd.yaml.
  *
  * The table alone drives the reader, --print-config, --check-config, the example file and the test
  * of the man page.  A default is written as it would stand in the file and read by the same code.

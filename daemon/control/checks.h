@@ -1,8 +1,8 @@
 /* checks.h - what the daemon's own checks of the rig (recon/check/judge.h) say of each camera, from check to check: its
  * figures, what it is called, and a sentence when that changes.
  *
- * A camera is called something when `patience` checks more have found it wrong than right, the last two alike, and no
- * more when as many have found it right: a check is of a few frame sets.
+ * A check is of a few frame sets.  A camera is named when `patience` more checks found it wrong than right and the last
+ * two agree.  It is cleared when as many found it right.
  * Threads: one caller per object. */
 #ifndef DMN_CHECKS_H
 #define DMN_CHECKS_H

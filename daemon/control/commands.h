@@ -1,5 +1,5 @@
-/* commands.h - what the daemon can be told: one table, from which the control socket, `pyrovox ctl --help` and the
- * test of CONTROL.md come.
+/* commands.h - the table of the daemon's commands.  The control socket, `pyrovox ctl --help` and the test of CONTROL.md
+ * follow from it.
  * Threads: constant; the answers come from the control thread. */
 #ifndef DMN_COMMANDS_H
 #define DMN_COMMANDS_H
@@ -15,7 +15,7 @@ struct cJSON;
 
 struct dmn_command {
     const char *name;
-    const char *keys;  /* that its request may have, in the order of ctl's words: "key value" */
+    const char *keys;  /* allowed in its request, in the order of ctl's words: "key value" */
     const char *usage; /* the words, as ctl --help shows them */
     const char *help;
     /* length of the answer, a JSON object; 0 = it did not fit */

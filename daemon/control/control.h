@@ -1,9 +1,9 @@
 /* control.h - the control socket: one JSON object in, one out, over ZeroMQ REQ/REP.
  *
- * The requests are those of the table in commands.h; CONTROL.md says what they ask and answer.
+ * The table in commands.h has the requests.  CONTROL.md describes requests and answers.
  * A second daemon on the same endpoint is refused (proto/ipc.h).  An ipc:// endpoint may be systemd's (socket
- * activation): who asks first wakes the daemon, and is answered by it.
- * Threads: a thread of its own; the calls in dmn_control_ops come from it, and should answer at once. */
+ * activation): the first request starts the daemon, which answers it.
+ * Threads: a thread of its own.  It calls dmn_control_ops, which should return at once. */
 #ifndef DMN_CONTROL_H
 #define DMN_CONTROL_H
 #include <stdbool.h>

@@ -1,19 +1,17 @@
-/* survive.h - what could end the daemon without its doing, and what it knows again when it has been ended
- * (the table in capture/README.md).
+/* survive.h - events outside that would end the daemon, and its memory across such an end (table in
+ * capture/README.md).
  * Threads: the main thread. */
 #ifndef DMN_SURVIVE_H
 #define DMN_SURVIVE_H
 #include <stdbool.h>
 
-/* Before any thread is started: writing to a peer that is gone and past a limit of size are errors, not
- * signals; as many handles as the host allows, for libzmq aborts when there are none for one more client; and
- * when a mapped file is cut or its disk fails (SIGBUS) the file is named on the standard error
- * before the end, exit code 1. */
+/* Call it before any thread starts.  Writing to a closed peer or past a size limit becomes an error, not a signal.  The
+ * process gets as many handles as the host allows, because libzmq aborts without one for a new client.  When a mapped file
+ * is cut or its disk fails (SIGBUS), the file is named on standard error before the end, exit code 1. */
 void dmn_survive(void);
 
-/* A recording that was begun by command goes on, in a new take, when the daemon is started again after an
- * end that was not in order: remembered in the folder $STATE_DIRECTORY (systemd's StateDirectory=; without
- * one nothing is remembered). */
+/* A recording that was begun by command goes on in a new take when the daemon starts after a crash.  This is stored in
+ * the folder $STATE_DIRECTORY (systemd's StateDirectory=), and without one not at all. */
 void dmn_remember_recording(bool on);
 bool dmn_was_recording(void);
 #endif

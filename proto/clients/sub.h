@@ -1,8 +1,8 @@
 /* sub.h - C client: subscribe to a daemon's volumes (libpyrovox-client).
  *
- * Counts gaps in the sequence (= messages this subscriber lost), survives restarts of the daemon
- * (a new session resets the count), waits for `start` before it gives volumes.  The daemon need not
- * be there yet.
+ * Counts gaps in the sequence (messages that this subscriber lost), survives restarts of the daemon
+ * (a new session resets the count), and waits for `start` before it returns volumes.  The daemon need not
+ * run yet.
  * Threads: one at a time. */
 #ifndef PVP_SUB_H
 #define PVP_SUB_H
@@ -34,14 +34,14 @@ PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_op
  * end always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
  * A volume that comes out has the start's grid: what pvp_grid_count says of that is enough for all.
  * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran.  PVX_ERANGE: the daemon's volumes need
- * more than the options allow; its next session may not.  PVX_EPERM: the daemon turned this client away, d says
- * why: no key, one that is not listed, another daemon's; said once each time, and further calls wait on. */
+ * more than the options allow; its next session may not.  PVX_EPERM: the daemon refused this client, d has the
+ * reason: no key, an unlisted key, another daemon's key.  This is returned once each time, and further calls wait. */
 PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h,
                                     const void **msg, size_t *len, struct pvx_diag *d);
 /* The latest start message, NULL before the first. */
 const struct pvp_start *pvp_sub_start(const pvp_sub *s);
-/* The session's rig.yaml, zero-terminated, and the start's rig_hash that it has; NULL until it has come, which it
- * does soon after the start, from daemons of protocol 1.1 on.  Borrowed until the next pvp_sub_next. */
+/* The session's rig.yaml, zero-terminated, and the start's rig_hash that it has; NULL until its message
+ * arrives, soon after the start, from daemons of protocol 1.1 on.  Borrowed until the next pvp_sub_next. */
 const char *pvp_sub_rig(const pvp_sub *s, uint64_t *rig_hash);
 /* For poll, select and event loops; readable = something may have come.  It is edge-triggered, as ZMQ_FD is: call
  * pvp_sub_next with timeout 0 until it says PVX_ETIMEDOUT before waiting, the first time too.  -1: none. */
