@@ -5,7 +5,7 @@
  * H_t is the visual hull of set t (hull.h) on a coarse grid over the rig's volume, so B holds the
  * flame as surely as the hull does: a cell goes only when a camera that sees all of it sees it dark.
  * Silhouettes are pooled for it: a pooled bin is lit when any bin of it is.
- * Where few cameras look, a hull is wide: two silhouettes cross in places where nobody else can say
+ * Where few cameras look, a hull is wide: two silhouettes cross in places where no other camera can say
  * no.  So B is kept for every number of views that may be asked for (rec_fit_get).
  * Flame outside the rig's volume is not looked for; `touches` says that there may be some.
  * Threads: one call per rec_fit at a time.  rec_fit_add allocates nothing. */

@@ -243,7 +243,7 @@ static struct brick look_at_brick(const struct carve *t, size_t brick)
 }
 
 /* Rule (1) of hull.h for the voxels of a brick, one camera after the other, and without branches that
- * nobody could foresee. */
+ * could not be predicted. */
 struct voxels {
     uint8_t gone[VOXELS], part[VOXELS]; /* dark in some camera; not all lit in some */
     uint8_t views[VOXELS];

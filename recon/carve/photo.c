@@ -194,7 +194,7 @@ static void photo_grow(void *ctx, size_t task)
     for (int32_t y = y0; y < y1; y++) {
         uint8_t *in = im->work->raw + (size_t)y * (size_t)bw, *out = im->lit + (in - im->work->raw);
         int32_t v0 = y > r ? y - r : 0, v1 = r < bh - 1 - y ? y + r : bh - 1, inside = 0;
-        memset(in, 0, (size_t)bw); /* nobody needs what is there any more */
+        memset(in, 0, (size_t)bw); /* its content is not needed any more */
         for (int32_t v = v0; v <= v1; v++)
             for (int32_t x = 0; x < bw; x++)
                 in[x] |= im->work->clean[(size_t)v * (size_t)bw + (size_t)x];

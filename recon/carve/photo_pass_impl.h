@@ -393,7 +393,7 @@ static void noise(const struct rec_photo_image *im, int32_t c)
         return;
     float limit = select_kth(mean, n, n / 2);
     w->dark[c] = fmaxf(0, select_kth(mean, n, n / 4));
-    for (int32_t i = 0; i < n; i++) { /* no branch: nobody could predict it */
+    for (int32_t i = 0; i < n; i++) { /* no branch: it could not be predicted */
         noise2[half] = noise2[i];
         at_low[half] = at_low[i];
         half += mean[i] <= limit;

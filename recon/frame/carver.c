@@ -182,7 +182,7 @@ static void absorb_camera(void *ctx, size_t c)
         rec_absorb_apply(&p);
 }
 
-/* A camera as if it were absent; what it showed stays, without weight, for whoever asks why. */
+/* Treat a camera as absent.  Its pixels stay, without weight, so that a report can say why. */
 static void dismiss(rec_frame *f, size_t c)
 {
     size_t row0 = f->S->row0[c], n = f->S->row0[c + 1] - row0;
@@ -193,7 +193,7 @@ static void dismiss(rec_frame *f, size_t c)
     memset(f->lit + row0, 0, n);
 }
 
-/* Who is believed; the others become absent, but for their report. */
+/* Which cameras are believed.  The others become absent, but for their report. */
 static void vote(rec_frame *f)
 {
     rec_carver *k = f->carver;

@@ -1,4 +1,4 @@
-/* inside.h - more of frame.h, for the daemon, tests, benches and who looks at the rig; not installed.
+/* inside.h - more of frame.h, for the daemon, tests, benches and checks of the rig; not installed.
  * Threads: as frame.h.  What is returned is borrowed until the slot is carved again or reset. */
 #ifndef REC_FRAME_INSIDE_H
 #define REC_FRAME_INSIDE_H

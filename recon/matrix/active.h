@@ -11,7 +11,7 @@
  * dropped; the entries of the whole are never there at once.  Of a coarser level the bricks are kept that
  * have a kept one among their children, of the coarsest all: the vote solves on all of it.  The shape of the windows
  * is chosen by what is kept.
- * Columns that are not kept have no memory: their places are reserved address space, and nobody may look there.
+ * Columns that are not kept have no memory: their places are reserved address space and must not be read.
  * Such a matrix is not saved: it is of this recording, and the whole one has the same key. */
 #ifndef REC_ACTIVE_H
 #define REC_ACTIVE_H

@@ -88,7 +88,7 @@ static pvx_err build_no_memory(const struct build *b, uint64_t bytes, struct pvx
                     b->camera + 1, b->rig->n_cameras);
 }
 
-/* Linux grants memory it does not have and kills whoever uses it: refuse by what is installed. */
+/* Linux grants more memory than there is and kills a process that uses it.  So refuse by the memory installed. */
 static bool build_fits(const struct build *b, uint64_t more)
 {
     uint64_t have = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);

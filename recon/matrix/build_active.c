@@ -111,7 +111,7 @@ void rec_active_end(struct rec_active_build *b)
         PVX_FREE(b->level[l].rows.bin_n);
 }
 
-/* Linux grants memory it does not have and kills whoever uses it: refuse by what is installed. */
+/* Linux grants more memory than there is and kills a process that uses it.  So refuse by the memory installed. */
 static bool matrix_fits(const struct rec_active_build *b)
 {
     uint64_t have = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);

@@ -1,4 +1,4 @@
-/* collect.h - the sum of the slabs' images, for whoever compiles it: as many floats at once as the including file's
+/* collect.h - the sum of the slabs' images, compiled into the including file: as many floats at once as that file's
  * instruction set has, and the same bits with any. */
 #ifndef REC_COLLECT_H
 #define REC_COLLECT_H

@@ -28,7 +28,7 @@ struct rec_band_rows {
     uint32_t *bin_n; /* [rows] entries of each bin */
 };
 uint64_t rec_band_entries(const struct rec_band_rows *r);
-/* But for bin_n, which is whoever's made it. */
+/* All but bin_n, which belongs to the caller. */
 void rec_band_rows_free(struct rec_band_rows *r);
 
 /* Columns 0..N-1 into *out: colptr [N+1], row, val.  At most 2^32-1 entries.  PVX_ENOMEM: what it has is the caller's to

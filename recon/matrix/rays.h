@@ -1,7 +1,7 @@
 /* rays.h - rows of S: the rays of a bin walked, each to the first body of the rig, and its entries rounded
  * (sysmat.h (3)).  Not for other modules.
  * Threads: a rec_tracer is read only while its camera is traced, but for `depth`, of which each bin is written by
- * whoever traces it; a rec_rays belongs to one thread at a time. */
+ * the thread that traces it.  A rec_rays belongs to one thread at a time. */
 #ifndef REC_RAYS_H
 #define REC_RAYS_H
 #include "recon/matrix/store.h"

@@ -9,7 +9,7 @@
  * alone, so the bits do not depend on the threads.
  * Of the images only what the windows cover is looked at, in blocks of REC_ROW_BLOCK bins; a slab of
  * neighbouring voxels covers a part of them.  A row is a bin that some weight is not 0 in; other bins
- * of a block are no rows: products leave 0 there and nobody may weigh them.
+ * of a block are no rows: products leave 0 there, and they must have no weight.
  * All channels at once: x [n][cs], y [S->win.room][cs], cs = 1 for one channel and 4 for three (the 4th
  * lane is free), channel innermost.
  * Memory: 4 + high*wide bytes per voxel and camera, and in the restrictor 7 bytes per row and slab, in
@@ -151,8 +151,8 @@ static inline struct rec_block_range rec_blocks_of(const struct rec_subsys *a, s
 void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1,
                        float *x);
 
-/* The slabs' images, for S and coarser levels: one product at a time, and 0 between two: who collects it
- * leaves 0 behind. */
+/* The slabs' images, for S and coarser levels: one product at a time, and 0 between two: collecting
+ * it leaves 0 behind. */
 struct rec_images {
     size_t bytes;
     float *of[REC_SLABS_MAX]; /* [room][cs] */

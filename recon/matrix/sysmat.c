@@ -156,7 +156,7 @@ void *rec_sysmat_sparse(size_t bytes)
 {
     void *p = pvx_reserve(bytes);
     if (p != NULL)
-        madvise(p, bytes, MADV_NOHUGEPAGE); /* a huge one would hold what nobody keeps */
+        madvise(p, bytes, MADV_NOHUGEPAGE); /* a huge one would hold columns that are not kept */
     return p;
 }
 

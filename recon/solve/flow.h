@@ -6,7 +6,7 @@
  * by Jacobi's iteration, none of which moves u by more than one cell.
  * The brightness of a cell is the sum of the channels over its voxels.
  * Source: Horn & Schunck, Artif. Intell. 17:185, 1981, in three dimensions; coarse to fine: Anandan, IJCV 2:283,
- * 1989.  Fixed data for who uses it: there is no adjoint.
+ * 1989.  Its users take it as fixed data: there is no adjoint.
  * Threads: one caller per object.  Same bits for any number of threads.  Allocates nothing after ..._new. */
 #ifndef REC_FLOW_H
 #define REC_FLOW_H

@@ -1,5 +1,5 @@
-/* params.h - what a solve is asked for, and what it says of itself: the part of solve.h for who only calls
- * rec_frame_solve (frame.h).  The methods are listed there.
+/* params.h - parameters and report of a solve: the part of solve.h that callers of rec_frame_solve (frame.h)
+ * need.  The methods are listed there.
  * Threads: pure. */
 #ifndef REC_SOLVE_PARAMS_H
 #define REC_SOLVE_PARAMS_H
