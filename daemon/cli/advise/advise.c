@@ -249,7 +249,8 @@ static void advise_size(const struct flame_sets *s, const struct advice *a)
            100 * a->half, 100 * a->all);
 }
 
-void advise_print(const struct flame_sets *s, const struct advice *a)
+/* A line a term on stdout, then a configuration to paste. */
+static void advise_print(const struct flame_sets *s, const struct advice *a)
 {
     advise_say_light(s, a);
     advise_say_noise(a);

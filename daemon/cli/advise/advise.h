@@ -98,7 +98,5 @@ PVX_MUST_CHECK pvx_err advise_noise(const struct flame_sets *s, struct advice *a
 /* Compared with what absorption and gains explain.  advise_straighten turns all pictures into light. */
 PVX_MUST_CHECK pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 void advise_straighten(struct flame_sets *s, double power);
-/* A line a term on stdout, then a configuration to paste. */
-void advise_print(const struct flame_sets *s, const struct advice *a);
 
 #endif
