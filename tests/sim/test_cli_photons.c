@@ -229,8 +229,8 @@ T_CASE(noise_by_photon_transfer)
         "calibrate noise --rig dark.yaml --frames n0 --frames move --frames move2 --out no.yaml",
         "no line over the light");
     refused("calibrate noise --rig rig.yaml --frames n0 --frames n1 --frames n2 --out no.yaml",
-            "camera cam0: rig.yaml has no dark of it, above which light counts: measure that first "
-            "(pyrovox calibrate dark)");
+            "camera cam0: rig.yaml has no dark of it, and light counts from the dark: run "
+            "`pyrovox calibrate dark` first");
     T_EQ_I(pyrovox("calibrate dark --rig rig.yaml --frames step0 --out step.yaml"), 0);
     refused("calibrate noise --rig step.yaml --frames step0 --frames step1 --out no.yaml",
             "pixel format of more bits");
