@@ -28,7 +28,7 @@ static struct {
     pthread_mutex_t lock;
     unsigned users;
     int64_t first, last; /* numbers of one turn, all cameras */
-    bool known, fixed;   /* any registered; no longer to be changed: somebody is in turn 2 */
+    bool known, fixed;   /* any registered; no longer to be changed: a camera is in turn 2 */
     bool running;
     int64_t origin; /* this number is due at: */
     int64_t start_mono_ns, start_real_ns;
@@ -141,13 +141,13 @@ static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)
     return e == PVX_ECLOSED ? pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", s->name) : e;
 }
 
-/* Length of a video that is to be looped, by reading through it: containers only estimate it, and
+/* Length of a video that is to be looped, by going through it: containers only estimate it, and
  * turns of different length would shift the cameras against each other. */
 static pvx_err measure_video(struct files *s, struct pvx_diag *d)
 {
     pvx_err e;
     double fps;
-    for (s->video_frames = 1; (e = cap_video_next(s->video, &s->pending, d)) == PVX_OK;)
+    for (s->video_frames = 1; (e = cap_video_next(s->video, NULL, d)) == PVX_OK;)
         s->video_frames++;
     s->pending.data = NULL;
     return e == PVX_ECLOSED ? open_video(s, &fps, d) : e;

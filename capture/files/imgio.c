@@ -342,11 +342,13 @@ pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d)
 {
     struct cap_cv_image f;
     char err[256] = "";
-    int failed = module.cv->video_next(v->cv, &f, err, sizeof err);
+    int failed = module.cv->video_next(v->cv, img != NULL ? &f : NULL, err, sizeof err);
     if (failed == PVX_ECLOSED)
         return PVX_ECLOSED;
     if (failed != 0)
         return module_error(failed, v->path, err, d);
+    if (img == NULL)
+        return PVX_OK;
     /* A picture within may have another size: it is there already. */
     PVX_TRY(cap_picture_fits((uint32_t)f.width, (uint32_t)f.height, UINT64_MAX, v->path, d));
     *img =

@@ -1,8 +1,9 @@
-/* imgio.h - images and arrays in files: PNG/TIFF (8, 16 bit, float) and video through OpenCV, animated PNG,
- * JPEG by libjpeg-turbo, .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (pyrovox-opencv.so; where it is
- * looked for: base/module.h), so that programs that need no image file start fast and run without it.
- * Samples are taken to be linear, those of JPEG files gamma-coded (img.yuv says so).
- * Ownership: cap_loaded is caller's, freed by cap_loaded_free. */
+/* imgio.h - images and arrays in files: PNG/TIFF (8, 16 bit, float) and video through OpenCV, animated PNG, JPEG
+ * by libjpeg-turbo, .npy float32/uint8/uint16 here.  OpenCV is a module that is loaded on first use
+ * (pyrovox-opencv.so; base/module.h says where it is looked for).  Programs that need no image file start fast and
+ * run without it.
+ * Samples are linear, except those of JPEG files, which are gamma-coded (img.yuv).
+ * Ownership: the caller owns cap_loaded and frees it with cap_loaded_free. */
 #ifndef CAP_IMGIO_H
 #define CAP_IMGIO_H
 #include "base/err.h"
@@ -53,7 +54,7 @@ PVX_MUST_CHECK pvx_err cap_npy_parse(const void *bytes, size_t len, const char *
 typedef struct cap_video cap_video;
 PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out, double *fps,
                                       struct pvx_diag *d);
-/* PVX_ECLOSED at the end.  img borrowed until the next call. */
+/* PVX_ECLOSED at the end.  img borrowed until the next call; NULL: only go past it, which makes no pixels of it. */
 PVX_MUST_CHECK pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d);
 void cap_video_close(cap_video **v);
 #endif

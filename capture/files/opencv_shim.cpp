@@ -145,7 +145,11 @@ int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
                size_t err_size) noexcept
 {
     return guarded(err, err_size, [&]() -> int {
-        if (!v->capture.read(v->frame) || v->frame.empty())
+        if (!v->capture.grab())
+            return PVX_ECLOSED;
+        if (borrowed == nullptr)
+            return PVX_OK;
+        if (!v->capture.retrieve(v->frame) || v->frame.empty())
             return PVX_ECLOSED;
         if (v->frame.depth() != CV_8U)
             return fail(PVX_EUNSUP, err, err_size, "video frames are not 8 bit");

@@ -1,8 +1,8 @@
-/* opencv_shim.h - what the OpenCV module (lib/pyrovox/pyrovox-opencv.so) offers, as plain C.
+/* opencv_shim.h - the OpenCV module (lib/pyrovox/pyrovox-opencv.so) as plain C.
  *
- * The module is C++ and is loaded with dlopen by imgio.c on first use; it exports one function,
- * cap_cv_module.  Nothing throws across this border: every entry returns a pvx_err value as int and
- * puts a line into `err` when that is not 0.  Buffers that it gives are from malloc.
+ * The module is C++.  imgio.c loads it with dlopen on first use.  It exports one function, cap_cv_module, and no
+ * exception leaves it.  Every entry returns a pvx_err value as int, and puts a line into `err` when that is not 0.
+ * Buffers that it returns are from malloc.
  * Images: rows without padding, channel innermost, RGB order; depth 8, 16 (unsigned) or 32 (float). */
 #ifndef CAP_OPENCV_SHIM_H
 #define CAP_OPENCV_SHIM_H
@@ -16,7 +16,7 @@ extern "C" {
 #define CAP_CV_NOEXCEPT
 #endif
 
-#define CAP_CV_VERSION 3
+#define CAP_CV_VERSION 4
 
 struct cap_cv_image {
     void *data; /* malloc */
@@ -51,7 +51,7 @@ struct cap_cv {
     /* size: width and height that it says. */
     int (*video_open)(const char *path, struct cap_cv_video **out, double *fps, int32_t size[2],
                       char *err, size_t err_size) CAP_CV_NOEXCEPT;
-    /* RGB8; data borrowed until the next call.  PVX_ECLOSED at the end. */
+    /* RGB8; data borrowed until the next call; NULL: only go past it.  PVX_ECLOSED at the end. */
     int (*video_next)(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
                       size_t err_size) CAP_CV_NOEXCEPT;
     void (*video_close)(struct cap_cv_video *v) CAP_CV_NOEXCEPT;

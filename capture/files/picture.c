@@ -76,8 +76,7 @@ static pvx_err sizes(struct bytes *b, const char *name, struct cap_picture *out,
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", name, why.text);
     } else {
-        return pvx_fail(d, PVX_EFORMAT, "%s: neither PNG nor TIFF nor JPEG, whatever its name says",
-                        name);
+        return pvx_fail(d, PVX_EFORMAT, "%s: not a PNG, TIFF or JPEG file, despite its name", name);
     }
     return PVX_OK;
 }

@@ -1,9 +1,9 @@
-/* picture.h - what the head of a PNG, TIFF or JPEG file says, before a library reads the rest; inside capture.
+/* picture.h - reads the head of a PNG, TIFF or JPEG file before a library reads the rest; inside capture.
  *
- * Only these three are handed on, whatever a file is called, and only within two bounds, so that a small file can
- * ask for little memory: CAP_SIDE_MAX pixels each way, as a camera of a rig, and CAP_PER_BYTE_MAX pixels for each byte
- * of the file.  (Of one colour, a PNG of 1 bit has 8256 of them, a JPEG 1024.)
- * Threads: pure.  Every offset is checked against the bytes that are there. */
+ * Only these three types are passed on, whatever the name of the file.  Two bounds keep a small file from asking for
+ * much memory: CAP_SIDE_MAX pixels each way, as for a camera of a rig, and CAP_PER_BYTE_MAX pixels per byte of the
+ * file.  (A picture of one colour has 8256 per byte as a PNG of 1 bit, and 1024 as a JPEG.)
+ * Threads: pure.  Every offset is checked against the size of the file. */
 #ifndef CAP_PICTURE_H
 #define CAP_PICTURE_H
 #include <stddef.h>

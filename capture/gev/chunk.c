@@ -33,9 +33,7 @@ pvx_err aravis_chunks_init(struct aravis_chunks *k, const struct cap_source_conf
         return PVX_OK;
     }
     if (!arv_camera_are_chunks_available(cam, NULL))
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): chunks refused: the camera has no chunk data",
-                        c->name, c->uri);
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "chunks refused: the camera has no chunk data");
     arv_camera_set_chunk_mode(cam, TRUE, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EINVAL, "chunks", &err, d);
@@ -44,10 +42,9 @@ pvx_err aravis_chunks_init(struct aravis_chunks *k, const struct cap_source_conf
     k->id = enable(cam, "FrameID", "ChunkFrameID");
     k->time = enable(cam, "Timestamp", "ChunkTimestamp");
     if (!k->exposure && !k->gain)
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): chunks refused: the camera sends neither exposure "
-                        "time nor gain with its frames",
-                        c->name, c->uri);
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                        "chunks refused: the camera sends neither exposure "
+                        "time nor gain with its frames");
     k->tick_hz = aravis_tick_hz(cam);
     aravis_parser_lock();
     k->parser = arv_camera_create_chunk_parser(cam);

@@ -8,8 +8,7 @@
 pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *what, GError **err,
                     struct pvx_diag *d)
 {
-    pvx_fail(d, e, "camera %s (aravis:%s): %s: %s", c->name, c->uri, what,
-             *err != NULL ? (*err)->message : pvx_strerror(e));
+    CAP_FAIL(c, "aravis", d, e, "%s: %s", what, *err != NULL ? (*err)->message : pvx_strerror(e));
     g_clear_error(err);
     return e;
 }
@@ -25,9 +24,9 @@ bool aravis_means_gone(const GError *err)
 pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, const char *what,
                        double want, double got, double min, double max)
 {
-    return pvx_fail(d, PVX_EINVAL,
-                    "camera %s (aravis:%s): %s %g refused: the camera has %g and offers %g to %g",
-                    c->name, c->uri, what, want, got, min, max);
+    return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                    "%s %g refused: the camera has %g and offers %g to %g", what, want, got, min,
+                    max);
 }
 
 /* ---- GLib's own messages ------------------------------------------------------------------------ */

@@ -1,4 +1,4 @@
-/* err.h - what Aravis and GLib say, in our words (private to the aravis: files). */
+/* err.h - errors of Aravis and messages of GLib in our words (private to the aravis: files). */
 #ifndef CAP_ARAVIS_ERR_H
 #define CAP_ARAVIS_ERR_H
 #include <arv.h>

@@ -21,13 +21,13 @@
 #define PROBES            2
 #define PROBE_MS          150
 #define FIRST_NUMBER      0x0B00
-#define CHANNEL_PRIVILEGE 0x0A00 /* the register that says who controls */
+#define CHANNEL_PRIVILEGE 0x0A00 /* the register that says which program controls */
 #define REMEMBERED        64
 #define XML_URL           0x0200 /* the registers that say where the GenICam file lies: this and the next */
 #define XML_URL_SIZE      512
 #define XML_MAX           (64u << 20)
 
-/* ---- is somebody there? ----------------------------------------------------------------------- */
+/* ---- does a camera answer? ----------------------------------------------------------------------- */
 
 static void find_copy_text(char *out, size_t size, const uint8_t *p)
 {
@@ -225,7 +225,7 @@ static char *look_up(const char *what, uint32_t *address)
     int64_t asked = pvx_now_mono();
     char *id = NULL;
     pthread_mutex_lock(&list_lock);
-    if (listed_mono_ns < asked) { /* else somebody renewed it while we waited */
+    if (listed_mono_ns < asked) { /* else another thread renewed it while we waited */
         listed_mono_ns = pvx_now_mono();
         arv_update_device_list();
     }
@@ -290,11 +290,10 @@ static ArvCamera *find_open(const struct cap_source_config *c, const struct arav
     char node[64];
     bool ends = aravis_genicam_ends(xml, len, node, sizeof node);
     if (!ends)
-        *why =
-            pvx_fail(d, PVX_ECORRUPT,
-                     "camera %s (aravis:%s): node \"%s\" of its GenICam file refers to itself, or "
-                     "through more than %d nodes; restore its firmware",
-                     c->name, c->uri, node, ARAVIS_GENICAM_LEVELS);
+        *why = CAP_FAIL(c, "aravis", d, PVX_ECORRUPT,
+                        "node \"%s\" of its GenICam file refers to itself, or to a "
+                        "chain of more than %d nodes; restore its firmware",
+                        node, ARAVIS_GENICAM_LEVELS);
     ArvCamera *cam = dev != NULL && ends ? arv_camera_new_with_device(dev, NULL) : NULL;
     aravis_parser_unlock();
     if (dev != NULL && cam == NULL)
@@ -330,10 +329,10 @@ static ArvCamera *gev_find_camera(const struct cap_source_config *c, struct arav
     else if (aravis_controlled(address))
         *why = PVX_EBUSY;
     else if (announces_nonsense(address))
-        *why = pvx_fail(d, PVX_ECORRUPT,
-                        "camera %s (aravis:%s): announces a GenICam file of more than %u MiB; "
+        *why = CAP_FAIL(c, "aravis", d, PVX_ECORRUPT,
+                        "announces a GenICam file of more than %u MiB; "
                         "restore its firmware",
-                        c->name, c->uri, XML_MAX >> 20);
+                        XML_MAX >> 20);
     else if (find_route(address, route))
         cam = find_open(c, route, NULL, why, d);
     if (cam != NULL && address != 0 && id != NULL)
@@ -352,16 +351,14 @@ pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
     if (cam == NULL && why == PVX_ECORRUPT)
         return why;
     if (cam == NULL && why == PVX_ENOENT)
-        return pvx_fail(d, PVX_ENOENT,
-                        "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "
-                        "those that do",
-                        c->name, c->uri);
+        return CAP_FAIL(c, "aravis", d, PVX_ENOENT,
+                        "no camera answers there; `pyrovox cameras` lists "
+                        "those that do");
     ArvDevice *dev = cam != NULL ? arv_camera_get_device(cam) : NULL;
     if (cam == NULL ||
         (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev)))) {
         aravis_close_camera(&cam);
-        return pvx_fail(d, PVX_EBUSY, "camera %s (aravis:%s): another program controls it", c->name,
-                        c->uri);
+        return CAP_FAIL(c, "aravis", d, PVX_EBUSY, "another program controls it");
     }
     arv_camera_set_range_check_policy(cam, ARV_RANGE_CHECK_POLICY_ENABLE);
     *out = cam;

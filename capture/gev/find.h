@@ -1,10 +1,9 @@
-/* find.h - which camera is meant, does it answer, and opening it (private to the aravis: files).
+/* find.h - finds a camera, checks that it answers, and opens it (private to the aravis: files).
  *
- * Cameras can only be opened one after the other, and Aravis asks one that does not answer for 3 s; so
- * addresses are asked first whether somebody is there: a discovery command to that address alone,
- * answered in a millisecond, given up after 0.3 s.
- * Serial numbers and names are looked up in Aravis' list of devices, one list for all threads that
- * want one at a time; the address that it gave is remembered and tried first the next time.
+ * Cameras can only be opened one after the other, and Aravis asks a camera that does not answer for 3 s.  So every
+ * address gets a discovery command first.  A camera answers within a millisecond, and we give up after 0.3 s.
+ * Serial numbers and names are looked up in Aravis' list of devices.  Threads that want the list at the same time
+ * share one renewal.  The address is remembered and tried first the next time.
  * Threads: any. */
 #ifndef CAP_ARAVIS_FIND_H
 #define CAP_ARAVIS_FIND_H
@@ -30,7 +29,7 @@ uint32_t aravis_address(const char *text); /* "127.0.0.2", host order; 0 = no IP
 void aravis_list_lock(void);
 void aravis_list_unlock(void);
 
-/* Around whatever makes Aravis read a GenICam file: its parser has state that all share (seen: two
+/* Around everything that makes Aravis read a GenICam file: its parser has state that all share (seen: two
  * cameras opened at once, documents of neither). */
 void aravis_parser_lock(void);
 void aravis_parser_unlock(void);
@@ -39,7 +38,7 @@ void aravis_parser_unlock(void);
 PVX_MUST_CHECK pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
                                    struct pvx_diag *d);
 
-/* Owner: caller, aravis_close_camera.  PVX_ENOENT: nobody answers; PVX_EBUSY: another program controls it;
+/* Owner: caller, aravis_close_camera.  PVX_ENOENT: no camera answers; PVX_EBUSY: another program controls it;
  * PVX_ECORRUPT: it says what cannot be. */
 PVX_MUST_CHECK pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
                                           struct aravis_route *route, struct pvx_diag *d);

@@ -204,7 +204,7 @@ static pvx_err aravis_trigger(cap_source *base)
 static bool aravis_answers(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
-    /* a USB camera that is gone has been reported; a GigE camera after a restart is nobody's */
+    /* a USB camera that is gone has been reported; no program controls a GigE camera after its restart */
     return !cap_gate_is_lost(&s->gate) &&
            (s->route.camera == 0 ||
             (aravis_probe(s->route.camera, NULL) && aravis_controlled(s->route.camera)));

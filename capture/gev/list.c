@@ -2,7 +2,7 @@
  *
  * Maker, model, serial number and address come from the discovery, which no camera minds.  Formats are
  * in the camera's features, and Aravis takes control of a GigE camera to read them: done only where the
- * control channel's register, which anybody may read, says that nobody else has it. */
+ * control channel's register, which every program may read, says that no other program has it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -62,10 +62,9 @@ pvx_err aravis_ptp_enable(const struct cap_source_config *c, ArvCamera *cam, str
     if (!c->ptp)
         return PVX_OK;
     if (n == NULL)
-        return pvx_fail(d, PVX_EUNSUP,
-                        "camera %s (aravis:%s): ptp refused: the camera has neither PtpEnable nor "
-                        "GevIEEE1588",
-                        c->name, c->uri);
+        return CAP_FAIL(c, "aravis", d, PVX_EUNSUP,
+                        "ptp refused: the camera has neither PtpEnable nor "
+                        "GevIEEE1588");
     bool on = arv_camera_get_boolean(cam, n->enable, NULL);
     if (on)
         return PVX_OK; /* and it keeps the time that it has */
@@ -75,8 +74,7 @@ pvx_err aravis_ptp_enable(const struct cap_source_config *c, ArvCamera *cam, str
     if (err != NULL)
         return aravis_fail(c, PVX_EINVAL, n->enable, &err, d);
     return on ? PVX_OK
-              : pvx_fail(d, PVX_EINVAL, "camera %s (aravis:%s): ptp refused: %s stays off", c->name,
-                         c->uri, n->enable);
+              : CAP_FAIL(c, "aravis", d, PVX_EINVAL, "ptp refused: %s stays off", n->enable);
 }
 
 pvx_err aravis_ptp_wait(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
@@ -97,9 +95,8 @@ pvx_err aravis_ptp_wait(const struct cap_source_config *c, ArvCamera *cam, struc
     if (!isnan(p.offset_ns) && strcasecmp(p.state, "Slave") == 0)
         snprintf(offset, sizeof offset, ", more than ptp_offset_us = %g off its master",
                  c->ptp_offset_us > 0 ? c->ptp_offset_us : ARAVIS_PTP_OFFSET_US);
-    return pvx_fail(
-        d, PVX_ETIMEDOUT,
-        "camera %s (aravis:%s): its clock is not synchronized: PTP says %s%s (is there a "
-        "PTP master, and does the switch let its messages pass?)",
-        c->name, c->uri, p.state[0] != '\0' ? p.state : "nothing", offset);
+    return CAP_FAIL(c, "aravis", d, PVX_ETIMEDOUT,
+                    "its clock is not synchronized: PTP says %s%s (is there a "
+                    "PTP master, and does the switch let its messages pass?)",
+                    p.state[0] != '\0' ? p.state : "nothing", offset);
 }

@@ -1,9 +1,8 @@
-/* ring.h - nothing of other cameras in a new stream (private to the aravis: files).
+/* ring.h - keeps packets of other cameras out of a new stream (private to the aravis: files).
  *
- * Aravis 0.8.26 narrows its packet socket to one camera only after the socket's ring is in use: what any
- * other camera of this host was sent in between lies in the ring too, and would become frames of this
- * one, complete and with the other's picture.  (Measured: in every second opening beside three cameras of
- * 200 Hz some 30 such packets.) */
+ * Aravis 0.8.26 narrows its packet socket to one camera only after the socket's ring is in use.  Packets that other
+ * cameras of this host sent in between lie in the ring too.  They would become complete frames of this camera, with
+ * the picture of another.  (Measured: in every second opening beside three cameras of 200 Hz some 30 such packets.) */
 #ifndef CAP_ARAVIS_RING_H
 #define CAP_ARAVIS_RING_H
 #include <arv.h>

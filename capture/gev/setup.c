@@ -27,8 +27,8 @@ static pvx_err setup_set_format(const struct cap_source_config *c, ArvCamera *ca
     if (c->fmt != CAP_FMT_NONE) {
         uint32_t pfnc = cap_pixfmt_pfnc(c->fmt);
         if (pfnc == 0)
-            return pvx_fail(d, PVX_EUNSUP, "camera %s (aravis:%s): format %s does not exist there",
-                            c->name, c->uri, cap_pixfmt_name(c->fmt));
+            return CAP_FAIL(c, "aravis", d, PVX_EUNSUP, "format %s does not exist there",
+                            cap_pixfmt_name(c->fmt));
         arv_camera_set_pixel_format(cam, pfnc, &err);
         if (err != NULL)
             return aravis_fail(c, PVX_EINVAL, cap_pixfmt_name(c->fmt), &err, d);
@@ -38,14 +38,13 @@ static pvx_err setup_set_format(const struct cap_source_config *c, ArvCamera *ca
         return aravis_fail(c, PVX_EIO, "pixel format", &err, d);
     l->fmt = cap_pixfmt_from_pfnc(got);
     if (l->fmt == CAP_FMT_NONE)
-        return pvx_fail(d, PVX_EUNSUP,
-                        "camera %s (aravis:%s): its pixel format 0x%08x is not known here: set one "
+        return CAP_FAIL(c, "aravis", d, PVX_EUNSUP,
+                        "its pixel format 0x%08x is not known here: set one "
                         "that pyrovoxd --print-config lists under pixel_format",
-                        c->name, c->uri, (unsigned)got);
+                        (unsigned)got);
     if (c->fmt != CAP_FMT_NONE && l->fmt != c->fmt)
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): format %s refused: the camera has %s", c->name,
-                        c->uri, cap_pixfmt_name(c->fmt), cap_pixfmt_name(l->fmt));
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "format %s refused: the camera has %s",
+                        cap_pixfmt_name(c->fmt), cap_pixfmt_name(l->fmt));
     return PVX_OK;
 }
 
@@ -66,10 +65,10 @@ static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
     if (c->width > 0 && c->height > 0 && (l->width != c->width || l->height != c->height)) {
         int w = 0, h = 0;
         arv_camera_get_sensor_size(cam, &w, &h, NULL);
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): image size %dx%d refused: the camera has %dx%d, "
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                        "image size %dx%d refused: the camera has %dx%d, "
                         "its sensor %dx%d",
-                        c->name, c->uri, c->width, c->height, l->width, l->height, w, h);
+                        c->width, c->height, l->width, l->height, w, h);
     }
     return PVX_OK;
 }
@@ -128,8 +127,7 @@ static pvx_err setup_set_feature(const struct cap_source_config *c, ArvCamera *c
     ArvDevice *dev = arv_camera_get_device(cam);
     ArvGcNode *node = arv_device_get_feature(dev, f->name);
     if (!ARV_IS_GC_FEATURE_NODE(node))
-        return pvx_fail(d, PVX_EINVAL, "camera %s (aravis:%s): the camera has no feature %s",
-                        c->name, c->uri, f->name);
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "the camera has no feature %s", f->name);
     if (ARV_IS_GC_COMMAND(node)) {
         arv_gc_command_execute(ARV_GC_COMMAND(node), &err);
         return err == NULL ? PVX_OK : aravis_fail(c, PVX_EINVAL, f->name, &err, d);
@@ -141,9 +139,8 @@ static pvx_err setup_set_feature(const struct cap_source_config *c, ArvCamera *c
     if (err != NULL || got == NULL)
         return aravis_fail(c, PVX_EINVAL, f->name, &err, d);
     if (!same_value(f->value, got))
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): feature %s = %s refused: the camera has %s",
-                        c->name, c->uri, f->name, f->value, got);
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "feature %s = %s refused: the camera has %s",
+                        f->name, f->value, got);
     return PVX_OK;
 }
 
@@ -192,10 +189,10 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     int mtu = path_mtu(ARV_GV_DEVICE(arv_camera_get_device(cam)), &loopback);
     int size = c->gige.packet_size;
     if (size > 0 && mtu > 0 && size > mtu)
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): packet_size %d is more than the interface's MTU "
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                        "packet_size %d is more than the interface's MTU "
                         "%d: raise the MTU (ip link set dev ... mtu 9000) or leave it out",
-                        c->name, c->uri, size, mtu);
+                        size, mtu);
     if (size <= 0 && !loopback) {
         size = (int)arv_camera_gv_auto_packet_size(cam, &err);
         if (err != NULL) /* no test packets: what every network carries */
@@ -212,10 +209,9 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     if (err != NULL)
         return aravis_fail(c, PVX_EIO, "packet size", &err, d);
     if (c->gige.packet_size > 0 && got != size)
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): packet_size %d refused: the camera has %d", c->name,
-                        c->uri, size, got);
-    LOG_D(CAPTURE, "camera %s (aravis:%s): packets of %d bytes, MTU %d", c->name, c->uri, got, mtu);
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "packet_size %d refused: the camera has %d",
+                        size, got);
+    CAP_DEBUG(c, "aravis", "packets of %d bytes, MTU %d", got, mtu);
     return PVX_OK;
 }
 

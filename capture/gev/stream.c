@@ -128,7 +128,7 @@ static unsigned index_of(ArvBuffer *b)
     return GPOINTER_TO_UINT(arv_buffer_get_user_data(b));
 }
 
-/* To the stream again, or, when that is being stopped, to nobody. */
+/* To the stream again, unless that is being stopped. */
 static void stream_give_back(struct aravis_source *s, ArvBuffer *b)
 {
     unsigned i = index_of(b);
@@ -214,7 +214,7 @@ static void pop_done(struct aravis_source *s)
             stream_done(s, b);
             cap_gate_leave(&s->gate);
         } else {
-            stream_give_back(s, b); /* stopping: nobody wants it */
+            stream_give_back(s, b); /* stopping */
         }
 }
 

@@ -39,10 +39,10 @@ static pvx_err no_such_trigger(const struct cap_source_config *c, const char *wa
     size_t at = 0;
     for (guint i = 0; i < n && at < sizeof have; i++)
         at += (size_t)snprintf(have + at, sizeof have - at, "%s%s", i > 0 ? ", " : "", list[i]);
-    return pvx_fail(d, PVX_EINVAL,
-                    "camera %s (aravis:%s): cannot be triggered by %s: the trigger sources that it "
+    return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                    "cannot be triggered by %s: the trigger sources that it "
                     "offers are: %s",
-                    c->name, c->uri, want, have);
+                    want, have);
 }
 
 /* Set the source, and see that the camera waits for it. */
@@ -61,10 +61,10 @@ static pvx_err trigger_wait_for(const struct cap_source_config *c, ArvCamera *ca
     g_clear_error(&err);
     if (same && mode != NULL && strcmp(mode, "On") == 0)
         return PVX_OK;
-    return pvx_fail(d, PVX_EINVAL,
-                    "camera %s (aravis:%s): trigger source %s refused: the camera has %s, trigger "
+    return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                    "trigger source %s refused: the camera has %s, trigger "
                     "mode %s",
-                    c->name, c->uri, source, now, mode != NULL ? mode : "?");
+                    source, now, mode != NULL ? mode : "?");
 }
 
 /* The line may also be an output.  Cameras without the choice have fixed ones. */

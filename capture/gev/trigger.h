@@ -1,4 +1,4 @@
-/* trigger.h - who starts an exposure, and whether it stays so (private to the aravis: files).
+/* trigger.h - sets what starts an exposure, and checks that it stays so (private to the aravis: files).
  * Threads: the caller holds the camera's features (gev.h). */
 #ifndef CAP_ARAVIS_TRIGGER_H
 #define CAP_ARAVIS_TRIGGER_H

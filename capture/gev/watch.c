@@ -108,7 +108,7 @@ static void look_at_mode(struct aravis_source *s)
     if (good)
         return;
     snprintf(text, sizeof text, "%.70s; %s", is,
-             again ? "it was set again" : "it cannot be set now: opened anew");
+             again ? "it was set again" : "it cannot be set now: the camera is opened again");
     if (cap_gate_enter(&s->gate)) {
         if (s->sink.detail != NULL)
             s->sink.detail(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, text);
@@ -143,14 +143,12 @@ static void watch_ptp(const struct aravis_source *s, const struct cap_health *h,
         return;
     *bad = !good;
     if (good)
-        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "ptp", .camera = s->c.name),
-                  "camera %s (aravis:%s): its clock is synchronized again", s->c.name, s->c.uri);
+        CAP_LOG(PVX_LOG_INFO, &s->c, "aravis", "ptp", "its clock is synchronized again");
     else
-        LOG_ABOUT(
-            PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "ptp", .camera = s->c.name),
-            "camera %s (aravis:%s): its clock is no longer synchronized: PTP says %s, offset %.3g "
-            "us; its exposures drift away from the others'",
-            s->c.name, s->c.uri, p.state[0] != '\0' ? p.state : "nothing", p.offset_ns * 1e-3);
+        CAP_LOG(PVX_LOG_WARN, &s->c, "aravis", "ptp",
+                "its clock is no longer synchronized: PTP says %s, offset %.3g "
+                "us; its exposures drift away from the others'",
+                p.state[0] != '\0' ? p.state : "nothing", p.offset_ns * 1e-3);
 }
 
 static void tell_unread_chunks(struct aravis_source *s, bool *told)
@@ -158,11 +156,9 @@ static void tell_unread_chunks(struct aravis_source *s, bool *told)
     if (*told || !atomic_load(&s->chunks.unread))
         return;
     *told = true;
-    LOG_ABOUT(
-        PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "chunks", .camera = s->c.name),
-        "camera %s (aravis:%s): its chunk data are of a kind that Aravis does not read (payload "
-        "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown",
-        s->c.name, s->c.uri);
+    CAP_LOG(PVX_LOG_WARN, &s->c, "aravis", "chunks",
+            "its chunk data are of a kind that Aravis does not read (payload "
+            "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown");
 }
 
 /* ---- the loop --------------------------------------------------------------------------------- */
@@ -234,8 +230,7 @@ void aravis_watch_start(struct aravis_source *s)
     s->health = known_at_once(s);
     pthread_mutex_unlock(&s->lock);
     if (pthread_create(&s->watch, NULL, gev_watch, s) != 0) {
-        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "unwatched", .camera = s->c.name),
-                  "camera %s (aravis:%s): no thread to watch its clock with", s->c.name, s->c.uri);
+        CAP_LOG(PVX_LOG_WARN, &s->c, "aravis", "unwatched", "no thread to watch its clock with");
         return;
     }
     s->watching = true;

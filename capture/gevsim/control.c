@@ -1,4 +1,4 @@
-/* control.c - answering GVCP: who may do what, registers, memory, actions, resend. */
+/* control.c - answering GVCP: which client may do what, registers, memory, actions, resend. */
 #include <string.h>
 
 #include "base/clock.h"
@@ -38,7 +38,7 @@ void gvcam_control_reboot(struct cap_gvcam *c, int64_t now, double seconds)
     c->control.gone_until = now + (int64_t)((seconds > 0 ? seconds : c->c.reboot_s) * 1e9);
 }
 
-/* Control privilege: anybody may take it when nobody has it, its owner may change or give it back. */
+/* Control privilege: any client may take it when no other has it. Its owner may change or give it back. */
 static uint16_t write_ccp(struct cap_gvcam *c, const struct sockaddr_in *from, int64_t now,
                           uint32_t v)
 {

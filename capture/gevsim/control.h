@@ -1,4 +1,4 @@
-/* control.h - GVCP: who may do what. */
+/* control.h - GVCP: which client may do what. */
 #ifndef CAP_GVCAM_CONTROL_H
 #define CAP_GVCAM_CONTROL_H
 #include <netinet/in.h>

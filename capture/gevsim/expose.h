@@ -1,4 +1,4 @@
-/* expose.h - when a frame is exposed, and what it shows and says. */
+/* expose.h - when a frame is exposed, and its content. */
 #ifndef CAP_GVCAM_EXPOSE_H
 #define CAP_GVCAM_EXPOSE_H
 #include "capture/gevsim/gvcam.h"

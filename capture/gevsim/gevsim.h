@@ -1,7 +1,6 @@
-/* gevsim.h - inside of a simulated camera (private to this folder): its parts.  What stands in a part is
- * changed by the file that the part is named after (gvcam.c sets all of them up); a part calls those
- * before it, never one behind.
- * One net thread runs everything; every function of a part is called with the net's lock held. */
+/* gevsim.h - inside of a simulated camera (private to this folder): its parts.  Only the file with a part's name
+ * changes that part (gvcam.c sets all of them up).  A part calls only the parts before it.
+ * One net thread runs everything.  Every function of a part is called with the net's lock held. */
 #ifndef CAP_GVCAM_INT_H
 #define CAP_GVCAM_INT_H
 #include <string.h>

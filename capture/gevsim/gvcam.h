@@ -2,7 +2,7 @@
  *
  * A cap_gvnet is what the cameras of one simulation share: one thread that serves them all, a
  * hardware trigger line that goes to each (TriggerSource Line1), a network switch.  A cap_gvcam is
- * one camera at an address of this host, UDP port 3956; clients cannot tell it from one of metal:
+ * one camera at an address of this host, UDP port 3956; clients cannot tell it from a physical camera:
  * discovery, registers, GenICam XML, control privilege with heartbeat, stream with packet delay and
  * packet resend, software, line and action trigger (also scheduled), time-stamp latch, PTP, chunks.
  *
@@ -108,7 +108,7 @@ enum cap_gvcam_act {
     CAP_GVCAM_REBOOT,       /* silent for arg seconds (0 = reboot_s), then as after power-up */
     CAP_GVCAM_CLOCK_JUMP,   /* the device clock goes forward by arg seconds (may be negative) */
     CAP_GVCAM_RESTART_IDS,  /* the next frame has number arg, 1 to 2^53 (0 = 1) */
-    CAP_GVCAM_TRIGGER_MODE, /* becomes Off (arg 0) or On, whoever has control */
+    CAP_GVCAM_TRIGGER_MODE, /* becomes Off (arg 0) or On, whichever program has control */
 };
 
 struct cap_gvcam_stats {

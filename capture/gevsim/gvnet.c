@@ -145,7 +145,7 @@ static void gvnet_receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
         ssize_t got = recvmsg(fd, &m, MSG_DONTWAIT);
         if (got < 0) {
             if (errno == ECONNREFUSED || errno == EINTR)
-                continue; /* somebody whom we answered has gone */
+                continue; /* a client that we answered has gone */
             return;
         }
         if (m.msg_namelen != sizeof from || from.sin_family != AF_INET)

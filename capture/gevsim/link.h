@@ -1,5 +1,4 @@
-/* link.h - what the cameras of one simulation share: the switch that they send over, the trigger
- * line, what there is to see. */
+/* link.h - shared by the cameras of one simulation: the switch, the trigger line, the scene. */
 #ifndef CAP_GVCAM_LINK_H
 #define CAP_GVCAM_LINK_H
 #include <stdbool.h>

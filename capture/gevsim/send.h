@@ -1,4 +1,4 @@
-/* send.h - frames onto the network, and what they are made of. */
+/* send.h - frames onto the network, and their packets. */
 #ifndef CAP_GVCAM_SEND_H
 #define CAP_GVCAM_SEND_H
 #include <netinet/in.h>

@@ -74,7 +74,7 @@ static struct {
 
 static void libcamera_find_module(void)
 {
-    /* Read when the library is loaded; its errors come back as ours, its chatter is for who asks. */
+    /* Read when the library is loaded; its errors come back as ours, its messages are off unless the user sets it. */
     setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
     module.lc = pvx_module_load("pyrovox-libcamera.so", "cap_lc_module", CAP_LC_VERSION, module.why,
                                 sizeof module.why);
@@ -91,8 +91,7 @@ static pvx_err libcamera_need_module(struct pvx_diag *d)
 static pvx_err libcamera_refused(const struct source *s, int e, const char *err, struct pvx_diag *d)
 {
     pvx_err r = e > 0 && e < PVX_N_ERR ? (pvx_err)e : PVX_EIO;
-    return pvx_fail(d, r, "camera %s (libcamera:%s): %s", s->name, s->uri,
-                    err[0] != '\0' ? err : pvx_strerror(r));
+    return CAP_FAIL(&s->c, "libcamera", d, r, "%s", err[0] != '\0' ? err : pvx_strerror(r));
 }
 
 /* ---- finding ------------------------------------------------------------------------------------ */
@@ -203,8 +202,7 @@ static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *me
     struct buffers *b = pvx_calloc(1, sizeof *b);
     pvx_err e = b == NULL ? PVX_ENOMEM : PVX_OK;
     if (e == PVX_OK && n <= SPARE)
-        e = pvx_fail(d, PVX_ENOMEM, "camera %s (libcamera:%s): gives only %u buffers", s->name,
-                     s->uri, n);
+        e = CAP_FAIL(&s->c, "libcamera", d, PVX_ENOMEM, "gives only %u buffers", n);
     if (e == PVX_OK) {
         *b = (struct buffers){s->camera, memory};
         e = cap_lend_new(n, SPARE, s->c.camera, &lend_ops, b, &s->lend);
@@ -396,15 +394,14 @@ static pvx_err libcamera_set_up(struct source *s, struct pvx_diag *d)
     if (e == PVX_OK)
         e = open_camera(s, all.id[i], d);
     if (e == PVX_OK && s->c.fps > 0 && !s->layout.has_duration)
-        LOG_ABOUT(
-            PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "own_rate", .camera = s->name),
-            "camera %s (libcamera:%s): its frame rate cannot be set through libcamera %s: it sends "
-            "at its own",
-            s->name, s->uri, module.lc->library);
+        CAP_LOG(PVX_LOG_INFO, &s->c, "libcamera", "own_rate",
+                "its frame rate cannot be set through libcamera %s: it sends "
+                "at its own",
+                module.lc->library);
     if (e == PVX_OK)
-        LOG_D(CAPTURE, "camera %s (libcamera:%s): %s, %s %dx%d, %u buffers%s", s->name, s->uri,
-              all.id[i], cap_pixfmt_name(s->fmt), s->layout.mode.width, s->layout.mode.height,
-              s->layout.buffers, s->pool != NULL ? ", images are copied" : "");
+        CAP_DEBUG(&s->c, "libcamera", "%s, %s %dx%d, %u buffers%s", all.id[i],
+                  cap_pixfmt_name(s->fmt), s->layout.mode.width, s->layout.mode.height,
+                  s->layout.buffers, s->pool != NULL ? ", images are copied" : "");
     free_ids(&all);
     return e;
 }
@@ -474,8 +471,7 @@ static void libcamera_health(cap_source *base, struct cap_health *out)
     pthread_mutex_unlock(&s->lock);
     cap_lend_retry(s->lend);
     if (module.lc->differs(s->camera, text, sizeof text))
-        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "controls", .camera = s->name),
-                  "camera %s (libcamera:%s): %s", s->name, s->uri, text);
+        CAP_LOG(PVX_LOG_WARN, &s->c, "libcamera", "controls", "%s", text);
     if (odd)
         LOG_EVERY(PVX_LOG_WARN, CAPTURE,
                   "a libcamera camera's time stamps are of no clock of this host: the time of "

@@ -107,11 +107,10 @@ int lc_choose(const struct cap_source_config *c, const struct cap_lc_mode *mode,
     if (best < 0) {
         char list[256];
         say_formats(mode, n, list, sizeof list);
-        (void)pvx_fail(
-            d, PVX_EUNSUP,
-            "camera %s (libcamera:%s): does not offer %s; of what it offers can be used:%s",
-            c->name, c->uri, c->fmt != CAP_FMT_NONE ? cap_pixfmt_name(c->fmt) : "a format",
-            list[0] != '\0' ? list : " nothing");
+        (void)CAP_FAIL(c, "libcamera", d, PVX_EUNSUP,
+                       "does not offer %s; of what it offers can be used:%s",
+                       c->fmt != CAP_FMT_NONE ? cap_pixfmt_name(c->fmt) : "a format",
+                       list[0] != '\0' ? list : " nothing");
         return -1;
     }
     *w = c->width > 0 ? c->width : mode[best].width;
@@ -150,10 +149,9 @@ pvx_err lc_match(const char *name, const char *const *id, size_t n, size_t *out,
     char list[400];
     list_ids(hits > 0 ? name : "", id, n, list, sizeof list);
     if (hits > 0)
-        return pvx_fail(d, PVX_EINVAL, "camera %s (libcamera:%s): could be any of%s", c->name,
-                        c->uri, list);
-    return pvx_fail(d, PVX_ENOENT, "camera %s (libcamera:%s): libcamera sees no such camera; %s%s",
-                    c->name, c->uri, n > 0 ? "there are" : "it sees none at all", list);
+        return CAP_FAIL(c, "libcamera", d, PVX_EINVAL, "could be any of%s", list);
+    return CAP_FAIL(c, "libcamera", d, PVX_ENOENT, "libcamera sees no such camera; %s%s",
+                    n > 0 ? "there are" : "it sees none at all", list);
 }
 
 const char *lc_short_name(const char *const *id, size_t n, size_t i)

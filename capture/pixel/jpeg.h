@@ -1,16 +1,15 @@
 /* jpeg.h - JPEG pictures (motion JPEG) to grey or RGB pixels, with libjpeg-turbo.
  *
- * The frame header is read here first: only what cameras send is handed to the library (sequential,
- * Huffman-coded, 8 bits, one or three components) and only in the size that is expected, so that a
- * broken or hostile picture can neither ask for memory nor for time.  Every warning of the library
- * makes the picture bad - a cut or damaged one looks whole otherwise - but for up to 16 bytes left
- * over before the end-of-image marker, which many webcams send.  Pictures without Huffman tables get
- * the standard ones, as motion JPEG has it.
- * The pixels are gamma-coded R'G'B' of 8 bits (img.yuv says so; transfer.h): JFIF's matrix is that of
- * BT.601, full range; the library interpolates chroma and rounds R'G'B' once.
- * Memory: the picture's pixels and the decoder are allocated by cap_jpeg_new.  The library takes work
- * memory for each picture and gives it back (4:2:2 of 640x480: 8 blocks, 33 KB); it keeps none and
- * has no interface to be given one that reports errors without longjmp.
+ * This file reads the frame header first.  The library gets only what cameras send (sequential, Huffman-coded, 8
+ * bits, one or three components), and only in the expected size.  So a broken or hostile picture can ask for neither
+ * memory nor time.  Every warning of the library makes the picture bad, because an incomplete picture would look whole
+ * otherwise.  Exception: up to 16 extra bytes before the end-of-image marker, which many webcams send.  Pictures
+ * without Huffman tables get the standard ones, as usual in motion JPEG.
+ * The pixels are gamma-coded R'G'B' of 8 bits (img.yuv; transfer.h).  JFIF's matrix is that of BT.601, full range.  The
+ * library interpolates chroma and rounds R'G'B' once.
+ * Memory: cap_jpeg_new allocates the picture's pixels and the decoder.  The library allocates work memory for each
+ * picture and frees it (4:2:2 of 640x480: 8 blocks, 33 KB).  It has no interface for work memory of the caller that
+ * reports errors without longjmp.
  * Threads: one call per decoder at a time. */
 #ifndef CAP_JPEG_H
 #define CAP_JPEG_H

@@ -1,9 +1,9 @@
 /* assembly.c - the assembler thread: rings to sets.
  *
- * Live: frames are taken in order of arrival, deadlines are looked at when the rings are empty (a
- * frame that is in is never late because this thread was).
- * Lossless: the cameras are merged in order of exposure, which needs the next frame of each camera
- * that still may have one; so sets close by order alone and at most one set is open. */
+ * Live: frames are taken in order of arrival.  Deadlines are checked when the rings are empty, so a frame in a ring is
+ * never late because of this thread.
+ * Lossless: the cameras are merged in order of exposure, which needs the next frame of each camera that still may have
+ * one.  So sets close by order alone, and at most one set is open. */
 #include <stdlib.h>
 #include <string.h>
 

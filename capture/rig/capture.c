@@ -143,7 +143,7 @@ static void stop_all(struct cap_capture *cap)
 
 void cap_capture_stop(cap_capture *cap)
 {
-    pthread_mutex_lock(&cap->stopping); /* who comes second waits for the first */
+    pthread_mutex_lock(&cap->stopping); /* the second caller waits for the first */
     if (!cap->stop)
         stop_all(cap);
     pthread_mutex_unlock(&cap->stopping);

@@ -1,15 +1,15 @@
-/* capture.h - all cameras of the rig, supervised: what the daemon sees.
+/* capture.h - all cameras of the rig, supervised: the interface for the daemon.
  *
- * One supervisor thread per camera opens it, starts it, triggers it (software trigger: all on one
- * grid of times, in parallel, so that a camera that does not answer holds up no other), watches it
- * (no frame for max(0.7 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 0.5 s, while the
- * others go on; one assembler thread maps clocks and groups frames.  Driver callbacks push into a
- * bounded ring per camera (oldest goes first when full, counted).
- * Live, finished sets wait in a queue of two: the oldest goes first when the consumer is slow.
- * Lossless, frames are merged in order of exposure and everything waits for the consumer.
- * After start nothing is allocated on the way of a frame (recorded sources apart: decoders do).
- * Sum (tested), per camera and after stop: received == in sets given out + late + unmatched +
- * overflow (+ what was still under way).
+ * One supervisor thread per camera opens it, starts it, triggers it, watches it and opens it again.  Software
+ * triggers of all cameras lie on one grid of times and run in parallel, so that a camera that does not answer
+ * delays no other.  A camera without a frame for max(0.7 s, 5 periods) is lost.  Its supervisor opens it again
+ * after 0.25 s to 0.5 s, and the others go on.  One assembler thread maps clocks and groups frames.  Driver
+ * callbacks push into a bounded ring per camera.  A full ring drops its oldest frame, which is counted.
+ * Live: finished sets wait in a queue of two, which drops the oldest when the consumer is slow.
+ * Lossless: frames are merged in order of exposure, and everything waits for the consumer.
+ * After start the way of a frame allocates nothing (except in recorded sources: decoders do).
+ * Invariant (tested), per camera and after stop: received == in sets given out + late + unmatched +
+ * overflow (+ frames still on their way).
  * Threads: next() from one thread, stats() and stop() from any. */
 #ifndef CAP_CAPTURE_H
 #define CAP_CAPTURE_H
@@ -24,7 +24,7 @@ struct cap_action_config {
     uint32_t address[CAP_ACTION_ADDRESSES];
     size_t n_addresses;
     int64_t lead_ns; /* > 0: scheduled, sent that much ahead of the instant; 0 = acted on at once */
-    bool acknowledge; /* cameras answer; who does not is counted */
+    bool acknowledge; /* cameras answer; a missing answer is counted */
 };
 struct cap_action_stats {
     uint64_t sent;   /* instants for which commands went out */

@@ -3,16 +3,15 @@
  *     intake     the thread of the source that pushes; the supervisor's while no source runs  intake.c
  *     life       the camera's supervisor                                                      supervisor.c
  *     assembly   the assembler's thread                                                       assembly.c
- * What others may read of a part is atomic, or on a board (base/board.h: the reader looks again, the
- * writer never waits).  Frames go from intake to assembly through a ring of one producer (base/ring.h).
- * Counts may be added to by anybody.  So a thread that pushes waits for nothing but room in a lossless
- * run: no lock is on its way, one is only tried.
+ * Other threads read a part through atomics or a board (base/board.h: the reader retries, the writer never
+ * waits).  Frames go from intake to assembly through a ring of one producer (base/ring.h).  Any thread may add
+ * to counts.  A thread that pushes takes no lock (it only tries one), and waits only for room in a lossless run.
  *
- * Locks; none is held while another is taken, or a source is called:
+ * Locks.  No thread takes one while it holds another, or calls a source while it holds one:
  *     cap_capture.figures   the assembler, while it changes what stats() and the monitor copy of it
  *     cap_readings.lock     readings of a camera's clock, from its source to the assembler; copies only
  *     leaves of others      buffer pool, set pool, set queue
- * cap_capture.stopping is held by stop() while it joins, and by stop() alone: first of all.
+ * Exception: stop() alone takes cap_capture.stopping, as its first lock, and holds it while it joins.
  * Threads beside those above: the monitor (monitor.c), the one that triggers (trigger.c), the consumer.
  * Stop order: flag and bells; sources stopped and closed by their supervisors; supervisors joined;
  * assembler and monitor joined; rings and queue emptied.

@@ -1,10 +1,10 @@
-/* monitor.c - a thread that looks at the counters ten times a second and says what goes wrong: once
- * when it begins, with the remedy, and once when it is over.
+/* monitor.c - a thread that reads the counters ten times a second.  It reports a trouble once when it begins, with
+ * the remedy, and once when it is over.
  *
- * A trouble is on from the first look at which its count has risen until it has not risen for 3 s (or
- * three windows of syncwatch.h).  One that comes back within a minute has to stay away twice as long the
- * next time, 10 minutes at most, so that a frame lost now and then does not fill the log.
- * A camera that is lost is the supervisor's to report; its troubles wait until it is back. */
+ * A trouble begins at the first look at which its count has risen.  It ends when the count has not risen for 3 s (or
+ * three windows of syncwatch.h).  If it returns within a minute, this time doubles, up to 10 minutes, so that single
+ * lost frames do not fill the log.
+ * The supervisor reports a lost camera.  Other troubles of that camera wait until it is back. */
 #include <stdio.h>
 #include <strings.h>
 

@@ -27,7 +27,7 @@ struct run {
     struct cap_action_answers answers[CAP_MAX_CAMERAS];
 };
 
-/* Where to send, and who should answer. */
+/* Where to send, and which cameras should answer. */
 struct targets {
     uint32_t address[CAP_MAX_CAMERAS];
     size_t n;

@@ -1,9 +1,9 @@
-/* troubles.c - what a count means to whoever has to do something about it. */
+/* troubles.c - what each count means for the user, and the remedy. */
 #include "capture/rig/capture.h"
 
 const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
     [CAP_INCOMPLETE] = {"frames arrive incomplete",
-                        "data is lost on the way: look at cable and switch, let the camera pause "
+                        "data is lost on the way: check cable and switch, let the camera pause "
                         "between packets, raise the receive buffers (pyrovox doctor)"},
     [CAP_BAD_SIZE] = {"frames of another size are left out",
                       "the camera's region must be the rig's image size"},
@@ -11,22 +11,23 @@ const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
     [CAP_CLOCK_STUCK] = {"its time stands still, its frames are left out",
                          "the camera has frozen or repeats a picture: it is used again as soon as "
                          "its stamps move; switch it off and on if they do not"},
-    [CAP_UNDERRUN] = {"no buffer was free for its frames",
-                      "they come faster than they are used: raise buffers, lower fps, or give the "
-                      "solver less to do"},
+    [CAP_UNDERRUN] =
+        {"no buffer was free for its frames",
+         "they come faster than the solver uses them: raise buffers, lower fps, or give the "
+         "solver less work"},
     [CAP_LATE] = {"frames come after their set was closed",
                   "raise sync.max_wait_ms, or look for what delays this camera"},
     [CAP_ID_GAP] = {"frames that it numbered never came",
-                    "they were lost in the camera, on the way or in the driver: look at the link's "
+                    "they were lost in the camera, on the way or in the driver: check the link's "
                     "load (pyrovox doctor)"},
     [CAP_NO_TRIGGER] = {"it answers, but no pulse comes on its trigger line",
-                        "start the pulse generator; else look at the cable, at trigger_line and at "
+                        "start the pulse generator; if it runs, check the cable, trigger_line and "
                         "TriggerActivation"},
     [CAP_CLOCK_JUMP] = {"its clock jumped",
-                        "the camera was restarted or its clock was set; its time is mapped anew"},
+                        "the camera was restarted or its clock was set; its time is mapped again"},
     [CAP_SLIP] = {"its frame numbers and times disagree",
                   "its pictures may belong to the instant before or after: if it happens again, "
-                  "look for bouncing triggers, and start the camera anew"},
+                  "look for bouncing triggers, and restart the camera"},
     [CAP_MISSED_TRIGGER] =
         {"it misses triggers",
          "exposure and readout must end before the next trigger; look at its trigger line"},

@@ -1,11 +1,10 @@
 /* bufpool.h - the fixed frame buffers of one source.
  *
- * `n` frames with their pixel memory are allocated once; a driver thread takes one without
- * allocating, fills it and pushes it; whoever has it last calls cap_frame_release.  The pool is kept
- * alive by its source's reference and by each frame that is out, so a source may be closed while
- * frames of it are still being worked on.
- * A frame that is got has img.data = its memory, camera as given at new, exposure_us and gain NAN, release
- * and owner of the pool, all else zero.
+ * `n` frames with their pixel memory are allocated once.  A driver thread takes one, fills it and pushes it.  Its
+ * last user calls cap_frame_release.  The source and each frame in use hold a reference of the pool, so a source
+ * may be closed while its frames are still in use.
+ * A new frame has img.data = its memory, camera as given at new, exposure_us and gain NAN, release and owner of the
+ * pool, and zero in all other fields.
  * Threads: all functions from any thread.  take, put-back: O(1), no allocation. */
 #ifndef CAP_BUFPOOL_H
 #define CAP_BUFPOOL_H

@@ -1,10 +1,10 @@
-/* gate.h - when a library's threads may call a source's sink: between start and stop only, and to say that
- * the camera is lost once only.
+/* gate.h - guards a source's sink against a library's threads: they may call it between start and stop only, and
+ * report the loss of the camera once only.
  *
  *     start   cap_gate_open       before the first callback can come, or when it may go on
  *             cap_gate_enter      callback: true = the sink may be called until cap_gate_leave
  *             cap_gate_lost       callback, trigger: the camera is gone
- *     stop    cap_gate_shut       when it returns no call of the sink is under way, nor comes any more
+ *     stop    cap_gate_shut       after it no call of the sink is running or will begin
  *
  * A source with one thread of its own, joined by stop, needs none (player.h, v4l2/v4l2.c).
  * Threads: all functions from any thread; shut not from within enter and leave. */

@@ -1,16 +1,16 @@
 /* lend.h - frames around buffers that belong to a driver (mmap, DMA): zero copy.
  *
- * The driver fills its own n buffers; the source takes a full one out of the driver's queue, lends
- * its frame to the consumer, and the release of the frame gives the buffer back to the driver - or,
- * when the source has stopped or been closed meanwhile, to nobody.  `spare` buffers never leave:
- * a driver without any stops, or worse, so a frame that would take one of them is refused (count an
- * underrun and give its buffer back at once).
+ * The driver fills its own n buffers.  The source takes a full one out of the driver's queue and lends its frame
+ * to the consumer.  The release of the frame gives the buffer back to the driver, unless the source has been
+ * stopped or closed meanwhile.  `spare` buffers always stay with the driver, because a driver without any
+ * stops or worse.  A frame that would take one of them is refused: count an underrun and give its buffer
+ * back at once.
  *
  *     open    cap_lend_new         a frame per buffer
- *     start   cap_lend_run(true)   requeue() is called for each buffer that is not out
+ *     start   cap_lend_run(true)   requeue() is called for each buffer that is not lent
  *             cap_lend_out         driver thread: buffer i is full; NULL = refused
- *     stop    cap_lend_run(false)  no requeue() is under way or comes any more
- *     close   cap_lend_close       destroy() when no frame is out (maybe here, maybe much later)
+ *     stop    cap_lend_run(false)  after it no requeue() is running or will be called
+ *     close   cap_lend_close       destroy() when no frame is lent (now, or much later)
  *
  * Threads: all functions from any thread; releases too.  Nothing is allocated after new. */
 #ifndef CAP_LEND_H

@@ -1,14 +1,13 @@
-/* player.h - the thread of a source that makes its frames itself (files:, take:, sim:): started, paced,
- * stopped; and the pool that it takes them from.
+/* player.h - the thread of a source that makes its frames itself (files:, take:, sim:), and its frame pool.
  *
  *     open    cap_player_init       a source's struct has a player in it; pool may come later
  *     start   cap_player_start      run(arg) in a thread of its own
  *             cap_player_wait_until, _get, _count, _event: by run()
  *     stop    cap_player_stop       wakes run() from all of these, and waits for it
- *     close   cap_player_fini       frames that are out keep the pool's memory
+ *     close   cap_player_fini       frames in use keep the pool's memory
  *
- * Threads: start, stop and fini from one thread at a time, the rest from any.  `lock` and `wake` are also
- * for what the source has to guard; a wait on `wake` has to look at `stop`. */
+ * Threads: start, stop and fini from one thread at a time, the rest from any.  The source may guard its own state
+ * with `lock` and `wake`.  A wait on `wake` must check `stop`. */
 #ifndef CAP_PLAYER_H
 #define CAP_PLAYER_H
 #include <pthread.h>

@@ -1,9 +1,8 @@
 /* sim.c - sim: cameras inside the process, on one common grid of exposure times.
  *
- * Every camera exposes at the multiples of its period on CLOCK_REALTIME, so equal cameras see the
- * same instants without talking to each other; frame id = number of the grid point.  The pictures
- * are the caller's (struct cap_scene).  The options break the camera in the ways that real ones
- * break, for tests and demonstrations. */
+ * Every camera exposes at the multiples of its period on CLOCK_REALTIME, so equal cameras see the same instants
+ * without communication.  The frame id is the number of the grid point.  The caller makes the pictures (struct
+ * cap_scene).  Options make a camera fail as real cameras do, for tests and demonstrations. */
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -343,7 +342,7 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
     s->triggered = c->trigger == CAP_TRIGGER_SOFTWARE;
     s->rng = ((uint64_t)fault.seed * 64 + c->camera + 1) * 0x9E3779B97F4A7C15u;
     cap_player_init(&s->player, c, CLOCK_REALTIME);
-    s->player.lossless = false; /* a camera waits for nobody */
+    s->player.lossless = false; /* a camera does not wait */
     pvx_err e = cap_player_make_pool(&s->player, c, cap_pixfmt_image(s->fmt, c->width, c->height));
     cap_source *base = &s->base;
     if (e != PVX_OK)

@@ -72,7 +72,7 @@ extern const struct cap_count_def cap_count_defs[CAP_N_COUNT];
 enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequence finished */
 
 /* All may be called from any thread of the source, push from one at a time, holding no lock that stop needs:
- * in a lossless run push waits for room (until the capture stops); else it waits for nobody.
+ * in a lossless run push waits for room (until the capture stops); else it does not wait.
  * clock (NULL = not wanted): when the camera's clock, that of t_device_ns, showed device_ns, the
  * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question.
  * detail (NULL = not wanted): what is counted next, in a few words for a message; copied. */
@@ -144,6 +144,15 @@ struct cap_source_config {
     bool loop;                     /* files: start over at the end */
     const struct cap_scene *scene; /* sim: */
 };
+
+/* Errors and lines of the log that begin with "camera NAME (SCHEME:URI): ". */
+#define CAP_FAIL(c, scheme, d, e, fmt, ...) \
+    pvx_fail(d, e, "camera %s (" scheme ":%s): " fmt, (c)->name, (c)->uri, ##__VA_ARGS__)
+#define CAP_LOG(level, c, scheme, why, fmt, ...)                        \
+    LOG_ABOUT(level, CAPTURE, ABOUT(.cause = why, .camera = (c)->name), \
+              "camera %s (" scheme ":%s): " fmt, (c)->name, (c)->uri, ##__VA_ARGS__)
+#define CAP_DEBUG(c, scheme, fmt, ...) \
+    LOG_D(CAPTURE, "camera %s (" scheme ":%s): " fmt, (c)->name, (c)->uri, ##__VA_ARGS__)
 
 #define CAP_SERIAL_MAX 64
 /* How a running camera is; a source that cannot tell leaves cap_health_unknown's value. */

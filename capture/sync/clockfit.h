@@ -1,10 +1,10 @@
 /* clockfit.h - the straight line through readings of a clock, each with a bound.
  *
  *     y = diff + drift (x - at),  least squares weighted with 1 / bound^2 about the weighted mean  (1)
- * x: the camera's time since an origin [ns]; y: host's minus camera's time [ns], +- bound: half the round
- * trip of the question.  The last 16 readings count; one that lies farther off than all bounds and 100 us
- * allow begins anew.  Standard errors of diff and drift are those of (1) with the bounds as sigma.
- * Why: SYNC.md section 10.   Used by: clockmap.h.
+ * x: the camera's time since an origin [ns]; y: host's minus camera's time [ns]; bound: half the round trip of the
+ * question.  The last 16 readings count.  A reading farther from the line than all bounds and 100 us allow starts the
+ * fit again.  Standard errors of diff and drift are those of (1) with the bounds as sigma.
+ * Reasons: SYNC.md section 10.   Used by: clockmap.h.
  * Threads: one.  Allocates nothing; O(16) a reading. */
 #ifndef CAP_CLOCKFIT_H
 #define CAP_CLOCKFIT_H

@@ -1,19 +1,18 @@
 /* clockmap.h - one camera's clock mapped to the host's, on line.
  *
  *     host = offset + (1 + drift) * device                                              (1)
- * `host` is any clock of the host that is never stepped: the rig gives CLOCK_MONOTONIC, so that setting the
- * time of day does not tear the map.  offset and drift are those of the frames' envelope (envelope.h) less
- * the delay that readings of the clock have found, or of the line through the readings (clockfit.h) while
- * that holds.  Without readings the least delay of the frames stays in the offset: it is common to
- * equal cameras.
- * Jumps: a clock that runs backwards, or a difference 5 ms and more off the line, begins anew with the
- * old drift; counted when it is backwards, or 0.1 s and more.
- * `shared`: the device clock already is the host's (PTP, simulation, recorded frames): identity,
- * no fit; backwards steps are still counted as jumps.
+ * `host` is any clock of the host that is never stepped.  The rig uses CLOCK_MONOTONIC, so a change of the time of
+ * day does not disturb the map.  While the line through the readings (clockfit.h) is valid, it gives offset and
+ * drift.  Otherwise they are those of the frames' envelope (envelope.h), less the delay that readings have
+ * measured.  Without readings the least delay of the frames stays in the offset, which is common to equal cameras.
+ * Jumps: a clock that runs backwards, or a difference of 5 ms or more from the line, starts the map again with the
+ * old drift.  It is counted when the clock ran backwards, or jumped by 0.1 s or more.
+ * `shared`: the device clock already is the host's (PTP, simulation, recorded frames).  The map is the identity
+ * without a fit, and backwards steps are still counted as jumps.
  * Error, measured by test_clockmap (30 Hz, 5 % lost, 100 ppm, delay 0.2 ms + up to 1 ms at random), of half the
  * frames below / of the worst frame, in the mean of many runs: 76 / 510 us in the first second, 99 / 180 until the
  * third, 16 / 154 until the tenth, 3 / 26 until the sixtieth, then 1.5 / 13 in ten minutes.
- * Why so: SYNC.md section 10.
+ * Reasons: SYNC.md section 10.
  * Threads: one camera's map belongs to one thread.  Allocates nothing; cost O(1) per frame, a
  * refit over 64 buckets once a second. */
 #ifndef CAP_CLOCKMAP_H

@@ -1,14 +1,13 @@
-/* envelope.h - the straight line under points that only ever lie above the truth, on line.
+/* envelope.h - the straight line under points that lie on or above the truth, on line.
  *
  *     y = offset + drift x,  as high as it can be with no point below it                 (1)
- * x: a camera's time since an origin [ns]; y: arrival minus camera's time [ns], which is the clocks'
- * offset and a delay that is never below some minimum.  Of each bucket of 1 s the smallest y counts; the line
- * is the edge of the lower convex hull of the last 64 buckets over their mean time (Moon, Skelly, Towsley,
- * INFOCOM 1999, section 3).
- * Drift is clamped to +-500 ppm, to +-150 ppm before CAP_ENVELOPE_KNOWN buckets are full; before three
- * are, it is what it was in the last life.  Three full buckets in a row that lie 5 ms above the line begin
- * the envelope anew.
- * Why: SYNC.md section 10.   Used by: clockmap.h.
+ * x: a camera's time since an origin [ns]; y: arrival minus camera's time [ns], which is the clocks' offset plus a
+ * delay with a minimum.  The smallest y of each bucket of 1 s counts.  The line is the edge of the lower convex hull
+ * of the last 64 buckets over their mean time (Moon, Skelly, Towsley, INFOCOM 1999, section 3).
+ * Drift is clamped to +-500 ppm, and to +-150 ppm until CAP_ENVELOPE_KNOWN buckets are full.  Until three are full,
+ * it is the drift from before the last start.  Three full buckets in a row 5 ms above the line start the envelope
+ * again.
+ * Reasons: SYNC.md section 10.   Used by: clockmap.h.
  * Threads: one.  Allocates nothing; O(1) a point, a fit over 64 buckets once a second. */
 #ifndef CAP_ENVELOPE_H
 #define CAP_ENVELOPE_H

@@ -1,21 +1,22 @@
 /* frameset.h - frames of N cameras grouped by exposure time.
  *
- * A set is all frames whose mapped exposure times lie within `tolerance` of each other; never
- * matched by arrival or by counting.  Open sets are kept in order of time; a set closes when all
- * cameras that are alive are in, when a newer set is given out, when every camera it lacks is gone or
- * has sent a later frame (frames of one camera come in order, so its own will not come any more), or at
- * its deadline (first arrival + max_wait).  Sets come out in order of exposure.
- * A set that closes without all cameras:
- *     DROP     is dropped, its frames are counted UNMATCHED; while a camera is gone nothing comes out
- *     WAIT     is given out if only cameras that are not alive are missing, else dropped; so as long as a
- *              camera lives no set lacks it, and slow frames are waited for longer
- *     PARTIAL  is given out as it is (solve with what is there)
- * the latter two with at least min_cameras.
- * A frame of a set that has been closed, or older, is LATE; a second frame of a camera for the same
- * set is UNMATCHED; with all set structs in the consumer's hands a frame is an OVERFLOW.  Should
- * every frame be late for long (clocks stepped back), the order starts anew.
- * Frames of a recording that knows its sets (frame.set) join those and no others: the sets of the
- * replay are the sets of the recording, with their numbers.
+ * A set has all frames whose mapped exposure times lie within `tolerance` of each other.  Arrival and counting
+ * play no part.  Open sets are kept in order of time.  A set closes when
+ *     - it has a frame of every camera that is alive,
+ *     - a newer set is given out,
+ *     - every camera that it lacks is gone or has sent a later frame (frames of one camera come in order), or
+ *     - its deadline has passed (first arrival + max_wait).
+ * Sets come out in order of exposure.  A set that closes without all cameras:
+ *     DROP     is dropped, and its frames are counted UNMATCHED; while a camera is gone nothing comes out
+ *     WAIT     is given out if only cameras that are not alive are missing, else dropped; so no set lacks a
+ *              living camera, and slow frames are waited for longer
+ *     PARTIAL  is given out as it is (the solver uses the cameras that it has)
+ * The latter two need at least min_cameras.
+ * A frame of a closed set, or an older one, is LATE.  A second frame of a camera for the same set is UNMATCHED.
+ * When the consumer holds all set structs, a frame is an OVERFLOW.  When every frame is late for long (clocks
+ * stepped back), the order starts again.
+ * Frames of a recording with known sets (frame.set) join only those: the replay has the recording's sets, with
+ * their numbers.
  * Invariant (tested): frames put == frames in emitted sets + late + unmatched + overflow + open.
  * Threads: one thread (the assembler's); cap_set_release from any.  Allocates nothing after new. */
 #ifndef CAP_FRAMESET_H
@@ -38,7 +39,7 @@ struct cap_set {
 void cap_set_ref(struct cap_set *s);
 void cap_set_release(struct cap_set *s);
 
-/* Somebody beside the consumer who wants the frames: a recorder.  Called by the assembler's thread; must
+/* A second receiver of the frames beside the consumer: a recorder.  Called by the assembler's thread; must
  * return at once, unless everything may wait (lossless).  Each may be NULL. */
 struct cap_tap {
     void (*set)(void *ctx, struct cap_set *s); /* is given out next; cap_set_ref to keep it */

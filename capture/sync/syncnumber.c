@@ -6,7 +6,7 @@
 
 #define RENUMBERED 1000 /* instants: numbers that far off have begun anew */
 
-/* What most members say that this instant is called; *sure = more than half of those who say anything,
+/* What most members say that this instant is called; *sure = more than half of those that say anything,
  * or the one of the sayings that the time supports. */
 static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set *s, bool *sure)
 {

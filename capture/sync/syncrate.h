@@ -1,17 +1,15 @@
-/* syncrate.h - how fast a camera takes pictures, by its stamps, and how sure that is (private to
- * syncwatch.c).
+/* syncrate.h - a camera's frame rate from its stamps, and its uncertainty (private to syncwatch.c).
  *
- * Picture i of a camera, counted by rounded intervals so that lost ones leave a gap, has the stamp
+ * Picture i of a camera, counted by rounded intervals so that lost pictures leave a gap, has the stamp
  *     t_i = t_0 + i (period + off) + noise                                               (1)
  * Sums over blocks of max(0.1 s, 3 periods), 128 of them; `off` and its standard error by least squares
- * over the last m blocks (Draper, Smith, Applied Regression Analysis, 1.4).  Two cameras are unlike over
- * m blocks when
+ * over the last m blocks (Draper, Smith, Applied Regression Analysis, 1.4).  Two cameras differ over m blocks when
  *     |d| > 400 ppm  and  |d| - 200 ppm > q se(d),  d = difference of their periods      (2)
- * and d has its sign and at least half its size in either half of the blocks: a step is no rate.  200 ppm is
- * what two crystals may differ by; q is Student's quantile at 1e-10 (the tests are many), from the normal
- * one by Wallace's approximation (Ann. Math. Stat. 30, 1959).  m = 4, 5, 6, 8, ... blocks: what is far
- * off or has good stamps is found early, the rest later.
- * Stamps are the device's own, before any map: a map that is still being learnt does not matter.
+ * and d has its sign and at least half its size in either half of the blocks: a step is not a rate.  200 ppm is the
+ * largest difference of two good crystals.  q is Student's quantile at 1e-10 (there are many tests), from the normal
+ * one by Wallace's approximation (Ann. Math. Stat. 30, 1959).  m = 4, 5, 6, 8, ... blocks: large differences
+ * and good stamps are found early, the rest later.
+ * Stamps are the device's own, before any map, so an unfinished map does not matter.
  * Threads: the caller's.  Allocates nothing; cost O(1) per frame, O(cameras x blocks) per block. */
 #ifndef CAP_SYNCRATE_H
 #define CAP_SYNCRATE_H

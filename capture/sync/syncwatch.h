@@ -1,8 +1,7 @@
-/* syncwatch.h - what exposure times and frame numbers tell about how well cameras work together.
+/* syncwatch.h - finds faults of synchronization in exposure times and frame numbers.
  *
- * Matching by time (frameset.h) never mixes instants, but it cannot know that a camera is in the wrong
- * mode; frame numbers can, and so can rates and phases.  Per camera, each in its count of
- * source.h and with numbers for a message:
+ * Matching by time (frameset.h) never mixes instants, but it does not notice a camera in the wrong mode.  Frame
+ * numbers, rates and phases show that.  Each fault has a count of source.h per camera, and numbers for a message:
  *
  *     SLIP, MISSED_TRIGGER   frame number + an offset learnt = number of the instant, by most members (1)
  *     OUT_OF_STEP            |phase| <= tolerance; phase = exposure - the others' last, modulo the
@@ -10,9 +9,9 @@
  *     PHASE_WALK             phase = constant: line through 4 to 128 windows                        (3)
  *     RATE                   frames a second = nominal to 1 %, and = the others' to 400 ppm (syncrate.h)
  *
- * The last three count the windows in which it was not so.  With two cameras nobody knows which of them is
- * wrong; both are named (RATE: the one farther from nominal).  Bounds, times to finding, and what cannot be
- * found: SYNC.md section 10.
+ * The last three count the windows in which the condition failed.  Two cameras do not show which of them is wrong,
+ * so both are named (RATE: the one farther from nominal).  SYNC.md section 10 has bounds, detection times, and
+ * the faults that cannot be found.
  * Threads: one (the assembler's).  Allocates nothing; cost O(cameras) per frame, O(cameras^2) per set. */
 #ifndef CAP_SYNCWATCH_H
 #define CAP_SYNCWATCH_H

@@ -1,6 +1,6 @@
-/* h5.h - libhdf5 as takes and recordings of volumes use it: the text of its errors, attributes, texts and tables
- * that grow; and the types of a take, which write.c and read.c share.
- * Every getter compares type and size before a byte is read. */
+/* h5.h - libhdf5 for takes and recordings of volumes: the text of its errors, attributes, texts and growing tables,
+ * and the types of a take, which write.c and read.c share.
+ * Every getter compares type and size before it reads a byte. */
 #ifndef CAP_TAKE_H5_H
 #define CAP_TAKE_H5_H
 #include <hdf5.h>
@@ -33,7 +33,7 @@ PVX_MUST_CHECK pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const
 /* A regular file that begins as HDF5 does; its size. */
 bool take_h5_looks(const char *path, uint64_t *bytes);
 /* SWMR reading takes a file that is being written or was not closed.  One that was left while it was out of that
- * mode says that somebody writes it; one that was cut after it was closed is shorter than it says: for these there are
+ * mode says that a writer has it open; one that was cut after it was closed is shorter than it says: for these there are
  * only the properties that h5clear uses. */
 hid_t take_h5_open(const char *path);
 

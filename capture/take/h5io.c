@@ -241,7 +241,7 @@ hid_t take_h5_open(const char *path)
     hid_t fapl = H5Pcreate(H5P_FILE_ACCESS);
     H5Pset_libver_bounds(fapl, H5F_LIBVER_EARLIEST, H5F_LIBVER_LATEST);
     H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG);
-    H5Pset_file_locking(fapl, 0, 1);        /* nobody is to be kept from closing the file */
+    H5Pset_file_locking(fapl, 0, 1);        /* no lock keeps a process from closing it */
     H5Pset_metadata_read_attempts(fapl, 3); /* more would wait for what was cut off */
     hid_t f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
     if (f < 0)

@@ -1,9 +1,8 @@
 /* read.c - one file of a take (piece.h).
  *
- * Nothing that the file says is believed: types, ranks and sizes are compared with what they must be
- * before a byte is read into memory, tables are read a chunk at a time up to the first that cannot be
- * read, rows count only with their checksum, sets only with all their frames.  What libhdf5 itself makes
- * of a hostile file is beyond this. */
+ * No content of the file is trusted.  Types, ranks and sizes are compared with what they must be before a byte is read
+ * into memory.  Tables are read a chunk at a time, up to the first that cannot be read.  A row counts only with its
+ * checksum, and a set only with all its frames.  Errors of libhdf5 itself on a hostile file are not covered. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,7 +14,7 @@
 #include "base/mem.h"
 #include "capture/take/piece.h"
 
-#define SQUEEZE   1100 /* gzip, should somebody have repacked the file, makes no more of a byte */
+#define SQUEEZE   1100 /* gzip, if the file was repacked with it, makes no more of a byte */
 #define ROW_SLACK 65536
 
 static pvx_err read_wrong(const struct piece *p, struct pvx_diag *d, const char *what)

@@ -142,7 +142,7 @@ static void end_gap(cap_recorder *r, uint32_t camera)
     r->run[camera] = (struct cap_take_gap){0};
 }
 
-/* Here, not in the writer's thread: that may outlive whoever is asked. */
+/* Here, not in the writer's thread: that may outlive the source that is asked. */
 static void ask_about(cap_recorder *r, const struct cap_set *s)
 {
     struct cap_health h;
@@ -449,7 +449,7 @@ static void *sync_loop(void *arg)
         if (!r->written && pthread_cond_timedwait(&r->wake, &r->lock, &ts) != ETIMEDOUT)
             continue;
         last = r->written;
-        int fd = r->fd, old = r->old_fd; /* r->fd is closed by nobody else while this runs */
+        int fd = r->fd, old = r->old_fd; /* no other thread closes r->fd while this runs */
         r->old_fd = -1;
         pthread_mutex_unlock(&r->lock);
         if (old >= 0) {
@@ -531,7 +531,7 @@ static bool recorder_join(cap_recorder *r)
 }
 
 /* Before anything is made: of the disk that the take's folder is on, or will be.  A take that could hold nothing
- * would end at once, and nobody looks at it again once it has been begun. */
+ * would end at once, and it is not checked again once it has begun. */
 static pvx_err may_begin(const cap_recorder *r, const char *path, struct pvx_diag *d)
 {
     char dir[sizeof r->stats.path];
@@ -578,7 +578,7 @@ static void undo_start(cap_recorder *r, pvx_err e, const struct pvx_diag *d)
     shut(r);
     cap_take_close(&r->take, NULL);
     unlink(r->stats.path);
-    while (r->len > 0) { /* nobody else takes out, and nothing comes in */
+    while (r->len > 0) { /* no other thread takes out, and nothing comes in */
         struct item it = r->ring[r->head];
         done_with(r, it);
     }

@@ -1,18 +1,17 @@
-/* recorder.h - takes (take.h) beside a running capture: the capture's tap, a bounded queue, a thread that
+/* recorder.h - records takes (take.h) beside a running capture: the capture's tap, a bounded queue, a thread that
  * writes, a thread that syncs.
  *
- * A set waits in the queue by reference, nothing is copied; so a camera needs `queue` frame buffers more
- * than without.  When the queue is full the newest set is left out and listed in the take
- * as a gap: the live solve never waits for the disk.  Recorded are all sets that are given out, partial
- * ones too, and the good frames that made no set; not the frames that capture itself refuses or loses
- * (enum cap_count: their numbers are missing between the rows).
- * Every set is committed: it survives the end of the process at any moment.  What has been synced, which
- * is begun every sync_ns and when the take is closed, survives a power cut too.
- * A full disk, a limit or an error ends the recording in order and says so; capture goes on.
- * A recording that rolls goes on in a new take when one is roll_ns old: every set is in one of them, or a gap of
- * one.  The second of NAME.h5 is NAME-0002.h5.
+ * A set waits in the queue by reference, without a copy, so a camera needs `queue` more frame buffers.  When the
+ * queue is full, the newest set is left out and listed in the take as a gap.  The live solve never waits for the
+ * disk.  The recorder gets all sets that are given out, also partial ones, and the good frames without a set.  It does
+ * not get frames that capture refuses or loses (enum cap_count): their numbers are missing between the rows.
+ * Every set is committed and survives the end of the process at any moment.  A sync makes it survive a power cut too.
+ * It begins every sync_ns and when the take is closed.
+ * A full disk, a limit or an error ends the recording in order, with a message.  Capture goes on.
+ * A recording that rolls goes on in a new take when the current one is roll_ns old.  Every set is in one of the takes,
+ * or is a gap of one.  The second of NAME.h5 is NAME-0002.h5.
  * Threads: start and stop from one thread at a time, stats and hurry from any.  The tap allocates nothing and
- * waits for nobody (lossless: for room in the queue). */
+ * does not wait (lossless: it waits for room in the queue). */
 #ifndef CAP_RECORDER_H
 #define CAP_RECORDER_H
 #include "capture/sync/frameset.h"
@@ -30,7 +29,7 @@ struct cap_recorder_config {
     uint64_t keep_free_bytes; /* end before the disk has less */
     int64_t sync_ns;          /* 0 = never */
     int64_t roll_ns;          /* of a take; 0 = one take, however long */
-    /* What camera c says of itself, asked at each of its frames by the tap; NULL = nobody knows. */
+    /* What camera c says of itself, asked at each of its frames by the tap; NULL = not known. */
     void (*health)(void *ctx, uint32_t camera, struct cap_health *out);
     void *ctx;
 };
@@ -58,7 +57,7 @@ struct cap_tap cap_recorder_tap(cap_recorder *r);
 PVX_MUST_CHECK pvx_err cap_recorder_start(cap_recorder *r, const char *path,
                                           const struct cap_take_head *head, struct pvx_diag *d);
 /* Lossless, before the capture is stopped, which waits for the tap: from now on that waits for room no longer
- * than 5 s in all, so that a disk that does not answer holds nobody. */
+ * than 5 s in all, so that a disk that does not answer delays no other thread. */
 void cap_recorder_hurry(cap_recorder *r);
 /* Write what waits, close, say in the log what it came to.  PVX_ENOENT: none is being recorded; PVX_OK
  * when the take is whole; PVX_ETIMEDOUT: the disk took nothing for 10 s (may be called again; until it

@@ -1,14 +1,13 @@
-/* take.h - a take: the raw frames of a recording in one HDF5 file (daemon/TAKE.md is the layout, field by
- * field), or in several, when it rolled over: NAME.h5, NAME-0002.h5, ...  A writer writes one of them, the reader reads
- * all as one.
+/* take.h - a take: the raw frames of a recording in one HDF5 file, or in several when it rolled over: NAME.h5,
+ * NAME-0002.h5, ...  daemon/TAKE.md lists every field.  A writer writes one file, the reader reads all as one.
  *
- * The writer appends: pixels straight to their chunk, then the frame's row, then the set's row, and a
- * commit makes the rows visible.  It uses HDF5's single-writer mode (SWMR), in which the file on the disk
- * is consistent after every write, whatever happens next; each row carries a checksum of itself and of
- * its pixels.  So of a file that was cut off, the reader takes what checks, and says what it left out.
+ * The writer appends the pixels to their chunk, then the frame's row, then the set's row.  A commit makes the rows
+ * visible.  It uses HDF5's single-writer mode (SWMR), in which the file on the disk is consistent after every
+ * write.  Each row has a checksum of itself and of its pixels.  From a file that was cut off, the reader takes the
+ * rows whose checksum is right, and reports what it left out.
  *
- * Threads: a writer or reader belongs to one thread at a time, except that cap_take_read may be called
- * from any (libhdf5 takes turns inside).  libhdf5 allocates as it likes, in the thread that calls.
+ * Threads: a writer or reader belongs to one thread at a time, except that any thread may call cap_take_read
+ * (libhdf5 has a lock of its own).  libhdf5 allocates in the thread that calls.
  * Errors name the file and the remedy. */
 #ifndef CAP_TAKE_H
 #define CAP_TAKE_H

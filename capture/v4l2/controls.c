@@ -122,8 +122,8 @@ static pvx_err controls_refused(const struct request *r, const char *why)
     char name[64], range[400] = "";
     plain(r->q->name, name, sizeof name);
     controls_say_range(r->dev, r->q, &(struct v4l_text){range, sizeof range, 0});
-    return pvx_fail(r->d, PVX_EINVAL, "camera %s (v4l2:%s): %s = %s refused: %s; it offers %s",
-                    r->c->name, r->c->uri, name, r->value, why, range);
+    return CAP_FAIL(r->c, "v4l2", r->d, PVX_EINVAL, "%s = %s refused: %s; it offers %s", name,
+                    r->value, why, range);
 }
 
 /* One control, in the form that carries every type. */
@@ -263,10 +263,10 @@ static pvx_err controls_set_feature(const struct cap_source_config *c, const str
 {
     control q;
     if (!controls_find(dev, f->name, &q))
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (v4l2:%s): the camera has no control %s; `v4l2-ctl -d %s -L` "
+        return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
+                        "the camera has no control %s; `v4l2-ctl -d %s -L` "
                         "lists those it has",
-                        c->name, c->uri, f->name, dev->node);
+                        f->name, dev->node);
     return controls_set(c, dev, &q, f->value, d);
 }
 
@@ -291,10 +291,10 @@ static pvx_err controls_set_exposure(const struct cap_source_config *c,
     if (c->exposure_us < 0)
         return PVX_OK;
     if (!controls_is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q))
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (v4l2:%s): exposure_us = %g refused: the camera has no exposure "
+        return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
+                        "exposure_us = %g refused: the camera has no exposure "
                         "control in units of time%s",
-                        c->name, c->uri, c->exposure_us,
+                        c->exposure_us,
                         controls_is_there(dev, V4L2_CID_EXPOSURE, &q)
                             ? "; set the one it has, in its own units, under features: exposure"
                             : "");
@@ -312,11 +312,10 @@ static pvx_err controls_set_exposure(const struct cap_source_config *c,
         return PVX_EIO;
     double want = c->exposure_us / 100;
     if (want < (double)q.minimum - 0.5 || want > (double)q.maximum + 0.5)
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (v4l2:%s): exposure_us = %g refused: the camera offers %lld to "
+        return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
+                        "exposure_us = %g refused: the camera offers %lld to "
                         "%lld us",
-                        c->name, c->uri, c->exposure_us, (long long)q.minimum * 100,
-                        (long long)q.maximum * 100);
+                        c->exposure_us, (long long)q.minimum * 100, (long long)q.maximum * 100);
     return set_value(c, dev, &q, llrint(want), d);
 }
 
@@ -333,8 +332,7 @@ static pvx_err set_gain(const struct cap_source_config *c, const struct v4l_devi
         if (fabs(c->gain) < 0x1p52)
             return set_value(c, dev, &q, llrint(c->gain), d);
     }
-    return pvx_fail(d, PVX_EINVAL, "camera %s (v4l2:%s): gain = %g refused: no such control",
-                    c->name, c->uri, c->gain);
+    return CAP_FAIL(c, "v4l2", d, PVX_EINVAL, "gain = %g refused: no such control", c->gain);
 }
 
 pvx_err v4l_set_controls(const struct cap_source_config *c, const struct v4l_device *dev,

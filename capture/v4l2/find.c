@@ -77,10 +77,10 @@ static pvx_err forbidden(const struct cap_source_config *c, const char *node, st
     if (stat(node, &st) != 0 || getgrgid_r(st.st_gid, &entry, names, sizeof names, &g) != 0)
         g = NULL;
     const char *group = g != NULL ? g->gr_name : "video";
-    return pvx_fail(d, PVX_EPERM,
-                    "camera %s (v4l2:%s): %s may not be opened: put the user into the group %s "
-                    "(usermod -aG %s USER, then log in anew)",
-                    c->name, c->uri, node, group, group);
+    return CAP_FAIL(c, "v4l2", d, PVX_EPERM,
+                    "%s may not be opened: put the user into the group %s "
+                    "(usermod -aG %s USER, then log in again)",
+                    node, group, group);
 }
 
 pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char *what,
@@ -92,14 +92,12 @@ pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char
     switch (err) {
     case EBUSY:
         say_users(node, &(struct v4l_text){text, sizeof text, 0});
-        return pvx_fail(d, PVX_EBUSY, "camera %s (v4l2:%s): %s: %s is in use by %s", c->name,
-                        c->uri, what, node, text[0] != '\0' ? text : "another program");
+        return CAP_FAIL(c, "v4l2", d, PVX_EBUSY, "%s: %s is in use by %s", what, node,
+                        text[0] != '\0' ? text : "another program");
     case EACCES:
     case EPERM: return forbidden(c, node, d);
     case ENODEV:
-    case ENXIO:
-        return pvx_fail(d, PVX_ENODEV, "camera %s (v4l2:%s): %s: %s is gone: unplugged?", c->name,
-                        c->uri, what, node);
+    case ENXIO: return CAP_FAIL(c, "v4l2", d, PVX_ENODEV, "%s: %s is gone: unplugged?", what, node);
     case ENOSPC:
         remedy = ": no room on the USB bus for it: a port of another host controller, JPEG, a "
                  "smaller image or a lower rate";
@@ -109,8 +107,8 @@ pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char
                  "libcamera:";
         break;
     }
-    return pvx_fail(d, pvx_err_from_errno(err), "camera %s (v4l2:%s): %s: %s: %s%s", c->name,
-                    c->uri, node, what, strerror(err), remedy);
+    return CAP_FAIL(c, "v4l2", d, pvx_err_from_errno(err), "%s: %s: %s%s", node, what,
+                    strerror(err), remedy);
 }
 
 /* ---- nodes ------------------------------------------------------------------------------------ */
@@ -296,22 +294,21 @@ static pvx_err open_path(const struct cap_source_config *c, const char *path,
     bool capture;
     if (!find_look(path, out, &capture)) {
         if (errno == ENOENT)
-            return pvx_fail(d, PVX_ENOENT,
-                            "camera %s (v4l2:%s): there is no %s; `pyrovox cameras v4l2` lists "
+            return CAP_FAIL(c, "v4l2", d, PVX_ENOENT,
+                            "there is no %s; `pyrovox cameras v4l2` lists "
                             "the cameras there are",
-                            c->name, c->uri, path);
+                            path);
         if (errno == ENOTTY)
-            return pvx_fail(d, PVX_EUNSUP, "camera %s (v4l2:%s): %s is no V4L2 device", c->name,
-                            c->uri, path);
+            return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP, "%s is no V4L2 device", path);
         return v4l_fail(c, path, "open", d);
     }
     if (capture)
         return PVX_OK;
     v4l_close(out);
-    return pvx_fail(d, PVX_EUNSUP,
-                    "camera %s (v4l2:%s): %s (%s) streams no images: it is another node of the "
+    return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP,
+                    "%s (%s) streams no images: it is another node of the "
                     "device (metadata, output); `pyrovox cameras v4l2` lists those that do",
-                    c->name, c->uri, path, out->card);
+                    path, out->card);
 }
 
 static pvx_err open_named(const struct cap_source_config *c, struct v4l_device *out,
@@ -342,8 +339,8 @@ static pvx_err open_named(const struct cap_source_config *c, struct v4l_device *
         e = v4l_fail(c, "/dev/video0", "open", d);
     } else {
         say_candidates(&all, "", &t);
-        e = pvx_fail(d, PVX_ENOENT, "camera %s (v4l2:%s): not plugged in; there %s %s", c->name,
-                     c->uri, all.n > 0 ? "are" : "is", all.n > 0 ? list : "no V4L2 camera at all");
+        e = CAP_FAIL(c, "v4l2", d, PVX_ENOENT, "not plugged in; there %s %s",
+                     all.n > 0 ? "are" : "is", all.n > 0 ? list : "no V4L2 camera at all");
     }
     free(all.at);
     return e;

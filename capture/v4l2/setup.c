@@ -63,8 +63,8 @@ static pvx_err refused_format(const struct cap_source_config *c, const struct v4
 {
     char offered[400] = "";
     v4l_say_formats(dev, &(struct v4l_text){offered, sizeof offered, 0});
-    return pvx_fail(d, PVX_EINVAL, "camera %s (v4l2:%s): format %s refused: the camera offers %s",
-                    c->name, c->uri, cap_pixfmt_name(c->fmt), offered);
+    return CAP_FAIL(c, "v4l2", d, PVX_EINVAL, "format %s refused: the camera offers %s",
+                    cap_pixfmt_name(c->fmt), offered);
 }
 
 /* The code to ask for: the one configured, else what the camera is set to, else its first one. */
@@ -86,8 +86,7 @@ static pvx_err setup_choose(const struct cap_source_config *c, const struct v4l_
         return refused_format(c, dev, d);
     char offered[400] = "";
     v4l_say_formats(dev, &(struct v4l_text){offered, sizeof offered, 0});
-    return pvx_fail(d, PVX_EUNSUP, "camera %s (v4l2:%s): the camera offers %s", c->name, c->uri,
-                    offered);
+    return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP, "the camera offers %s", offered);
 }
 
 static pvx_err setup_check_size(const struct cap_source_config *c, const struct v4l_device *dev,
@@ -98,10 +97,10 @@ static pvx_err setup_check_size(const struct cap_source_config *c, const struct 
         return PVX_OK;
     char offered[300] = "";
     v4l_say_sizes(dev, p->fourcc, &(struct v4l_text){offered, sizeof offered, 0});
-    return pvx_fail(d, PVX_EINVAL,
-                    "camera %s (v4l2:%s): image size %dx%d refused: the camera gives %ux%u; of %s "
+    return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
+                    "image size %dx%d refused: the camera gives %ux%u; of %s "
                     "it offers %s",
-                    c->name, c->uri, c->width, c->height, p->width, p->height,
+                    c->width, c->height, p->width, p->height,
                     cap_pixfmt_name(v4l_pixfmt(p->fourcc)), offered);
 }
 
@@ -116,13 +115,12 @@ static pvx_err read_layout(const struct cap_source_config *c, const struct v4l_d
         return refused_format(c, dev, d);
     PVX_TRY(setup_check_size(c, dev, p, d));
     if (p->width < 1 || p->height < 1 || p->width > 65536 || p->height > 65536)
-        return pvx_fail(d, PVX_EUNSUP, "camera %s (v4l2:%s): image size %ux%u", c->name, c->uri,
-                        p->width, p->height);
+        return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP, "image size %ux%u", p->width, p->height);
     if (p->field != V4L2_FIELD_NONE && p->field != V4L2_FIELD_ANY)
-        return pvx_fail(d, PVX_EUNSUP,
-                        "camera %s (v4l2:%s): it gives interlaced pictures (field order %u), whose "
+        return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP,
+                        "it gives interlaced pictures (field order %u), whose "
                         "rows are of two instants",
-                        c->name, c->uri, p->field);
+                        p->field);
     enum cap_layout kind = cap_pixfmt_layout(l->fmt);
     l->yuv = v4l_yuv(l->fmt, p->colorspace, p->ycbcr_enc, p->quantization, p->xfer_func);
     if (kind == CAP_LAYOUT_JPEG)
@@ -131,10 +129,10 @@ static pvx_err read_layout(const struct cap_source_config *c, const struct v4l_d
     l->stride = (ptrdiff_t)(p->stride > 0 ? p->stride : row); /* 0: some drivers leave it out */
     size_t need = (size_t)l->stride * (size_t)(l->height - 1) + row;
     if (l->stride < (ptrdiff_t)row || l->size < need)
-        return pvx_fail(d, PVX_EIO,
-                        "camera %s (v4l2:%s): its driver %s says %u bytes per row and %u per image "
+        return CAP_FAIL(c, "v4l2", d, PVX_EIO,
+                        "its driver %s says %u bytes per row and %u per image "
                         "of %ux%u %s, which needs %zu and %zu",
-                        c->name, c->uri, dev->driver, p->stride, p->size, p->width, p->height,
+                        dev->driver, p->stride, p->size, p->width, p->height,
                         cap_pixfmt_name(l->fmt), row, need);
     return PVX_OK;
 }
@@ -154,8 +152,8 @@ static pvx_err v4l2_set_format(const struct cap_source_config *c, const struct v
     if (v4l_call(dev->fd, VIDIOC_S_FMT, &f) != 0)
         return v4l_fail(c, dev->node, "VIDIOC_S_FMT", d);
     if (v4l_mplane(dev) && f.fmt.pix_mp.num_planes != 1)
-        return pvx_fail(d, PVX_EUNSUP, "camera %s (v4l2:%s): %s lies in %u planes of memory",
-                        c->name, c->uri, v4l_fourcc_text(*code).s, f.fmt.pix_mp.num_planes);
+        return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP, "%s lies in %u planes of memory",
+                        v4l_fourcc_text(*code).s, f.fmt.pix_mp.num_planes);
     struct picture p = picture_of(&f);
     *code = p.fourcc;
     return read_layout(c, dev, &p, l, d);
@@ -185,21 +183,19 @@ static pvx_err set_rate(const struct cap_source_config *c, const struct v4l_devi
     if (can && period->numerator > 0)
         l->fps = (double)period->denominator / (double)period->numerator;
     if (!can && c->fps > 0)
-        LOG_ABOUT(
-            PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "own_rate", .camera = c->name),
-            "camera %s (v4l2:%s): its driver %s has no frame rate to set: the camera runs at its "
-            "own, which has to be %g Hz",
-            c->name, c->uri, dev->driver, c->fps);
+        CAP_LOG(PVX_LOG_WARN, c, "v4l2", "own_rate",
+                "its driver %s has no frame rate to set: the camera runs at its "
+                "own, which has to be %g Hz",
+                dev->driver, c->fps);
     if (c->fps <= 0 || !can || fabs(l->fps - c->fps) <= 0.01 * c->fps)
         return PVX_OK;
     char offered[300] = "";
     v4l_say_rates(dev, code, (uint32_t)l->width, (uint32_t)l->height,
                   &(struct v4l_text){offered, sizeof offered, 0});
-    return pvx_fail(d, PVX_EINVAL,
-                    "camera %s (v4l2:%s): frame rate %g refused: the camera has %.4g; with %dx%d "
+    return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
+                    "frame rate %g refused: the camera has %.4g; with %dx%d "
                     "%s it offers %s Hz",
-                    c->name, c->uri, c->fps, l->fps, l->width, l->height, cap_pixfmt_name(l->fmt),
-                    offered);
+                    c->fps, l->fps, l->width, l->height, cap_pixfmt_name(l->fmt), offered);
 }
 
 pvx_err v4l_set_layout(const struct cap_source_config *c, const struct v4l_device *dev,

@@ -1,16 +1,16 @@
 /* v4l2.c - v4l2: webcams and other cameras of the kernel's Video for Linux.
  *
- * Zero copy: the driver's own mapped buffers go to the consumer and come back (lend.h).  When the
- * driver has fewer of them than the configuration's `buffers` and the two it always keeps, images
- * are copied instead, so that a slow consumer never takes the driver's last ones.
- * One thread per camera takes full buffers out of the driver's queue.  A device that is unplugged
- * (ENODEV, EIO, POLLERR, POLLHUP) is lost at once; the capture then opens it again by its name.
+ * Zero copy: the driver's own mapped buffers go to the consumer and come back (lend.h).  Images are copied when the
+ * driver has fewer buffers than the configuration's `buffers` and the two it always keeps.  So a slow consumer
+ * never takes the driver's last ones.
+ * One thread per camera takes full buffers out of the driver's queue.  A device that is unplugged (ENODEV, EIO,
+ * POLLERR, POLLHUP) is lost at once.  The capture then opens it again by its name.
  *
- * Numbers are the driver's sequence, widened past 32 bits.  A driver that does not number (it stays
- * at one value) has its frames counted here; what it drops cannot be seen then.
- * Times: stamps of CLOCK_MONOTONIC are used, others (unknown, copied, or more than 10 s away from
- * the arrival) are not: arrival counts, which is said once.  A stamp of the end of a frame is moved back by
- * the exposure when that is fixed and known; readout stays in it, the same for equal cameras.
+ * Numbers are the driver's sequence, widened past 32 bits.  If a driver does not number its frames (the sequence
+ * stays at one value), they are counted here, and frames that it drops cannot be seen.
+ * Times: stamps of CLOCK_MONOTONIC are used.  For others (unknown, copied, or more than 10 s from the arrival) the
+ * time of arrival counts, and one message says so.  A stamp of the end of a frame is moved back by the exposure when
+ * that is fixed and known.  The readout time stays in it, the same for equal cameras.
  *
  * Source: kernel documentation, userspace-api/media/v4l (mmap, buffer). */
 #include <errno.h>
@@ -121,10 +121,10 @@ static pvx_err map_buffer(struct source *s, struct buffers *bs, struct pvx_diag 
     bool mplane = v4l_mplane(&s->dev);
     size_t bytes = mplane ? plane.length : b.length;
     if (bytes < s->layout.size || bytes == 0)
-        return pvx_fail(d, PVX_EIO,
-                        "camera %s (v4l2:%s): its driver %s gives buffers of %zu bytes for images "
+        return CAP_FAIL(&s->c, "v4l2", d, PVX_EIO,
+                        "its driver %s gives buffers of %zu bytes for images "
                         "of %zu",
-                        s->name, s->uri, s->dev.driver, bytes, s->layout.size);
+                        s->dev.driver, bytes, s->layout.size);
     void *mem = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, s->dev.fd,
                      mplane ? plane.m.mem_offset : b.m.offset);
     if (mem == MAP_FAILED)
@@ -143,8 +143,8 @@ static pvx_err request(struct source *s, unsigned n, unsigned *got, struct pvx_d
     *got = r.count < VIDEO_MAX_FRAME ? r.count : VIDEO_MAX_FRAME;
     if (*got > SPARE)
         return PVX_OK;
-    return pvx_fail(d, PVX_ENOMEM, "camera %s (v4l2:%s): its driver %s gives only %u buffers",
-                    s->name, s->uri, s->dev.driver, *got);
+    return CAP_FAIL(&s->c, "v4l2", d, PVX_ENOMEM, "its driver %s gives only %u buffers",
+                    s->dev.driver, *got);
 }
 
 static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
@@ -169,9 +169,8 @@ static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
     s->buffers = bs;
     if (lend)
         return PVX_OK;
-    LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "copied", .camera = s->name),
-              "camera %s (v4l2:%s): %u buffers of the driver for %u frames: images are copied",
-              s->name, s->uri, n, want);
+    CAP_LOG(PVX_LOG_INFO, &s->c, "v4l2", "copied",
+            "%u buffers of the driver for %u frames: images are copied", n, want);
     size_t most = 0;
     for (unsigned i = 0; i < n; i++)
         most = bs->at[i].bytes > most ? bs->at[i].bytes : most;
@@ -228,16 +227,15 @@ static int64_t v4l2_exposure_time(struct source *s, const struct filled *b, int6
         s->stamped = true;
         s->odd_stamp = !good;
         if (good)
-            LOG_D(CAPTURE, "camera %s (v4l2:%s): stamps of the %s%s", s->name, s->uri,
-                  start ? "start of exposure" : "end of the frame",
-                  !start && s->exposure_us > 0 ? ", moved back by the exposure" : "");
+            CAP_DEBUG(&s->c, "v4l2", "stamps of the %s%s",
+                      start ? "start of exposure" : "end of the frame",
+                      !start && s->exposure_us > 0 ? ", moved back by the exposure" : "");
         else
-            LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "odd_stamps", .camera = s->name),
-                      "camera %s (v4l2:%s): %s: the time of arrival is used, which is late by the "
-                      "readout and jitters",
-                      s->name, s->uri,
-                      mono ? "its driver's time stamps are off by more than 10 s"
-                           : "its driver does not say which clock its time stamps are of");
+            CAP_LOG(PVX_LOG_WARN, &s->c, "v4l2", "odd_stamps",
+                    "%s: the time of arrival is used, which is late by the "
+                    "readout and jitters",
+                    mono ? "its driver's time stamps are off by more than 10 s"
+                         : "its driver does not say which clock its time stamps are of");
     }
     if (!good)
         return 0;
@@ -333,8 +331,7 @@ static void *camera_thread(void *arg)
         if (err == 0 && !any && (p[1].revents & (POLLERR | POLLHUP | POLLNVAL)) != 0)
             err = EIO;
         if (err != 0) {
-            LOG_D(CAPTURE, "camera %s (v4l2:%s): %s: %s", s->name, s->uri, s->dev.node,
-                  strerror(err));
+            CAP_DEBUG(&s->c, "v4l2", "%s: %s", s->dev.node, strerror(err));
             s->sink.event(s->sink.ctx, s->c.camera, CAP_EV_LOST);
             return NULL;
         }
@@ -397,9 +394,9 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
     s->exposure_us = v4l_fixed_exposure_us(&s->dev);
     s->gain = v4l_fixed_gain(&s->dev);
     v4l_serial(&s->dev, s->serial, sizeof s->serial);
-    LOG_D(CAPTURE, "camera %s (v4l2:%s): %s, %s: %s %dx%d, %.4g Hz, %u buffers", s->name, s->uri,
-          s->dev.node, s->dev.card, cap_pixfmt_name(s->layout.fmt), s->layout.width,
-          s->layout.height, s->layout.fps, s->buffers->n);
+    CAP_DEBUG(&s->c, "v4l2", "%s, %s: %s %dx%d, %.4g Hz, %u buffers", s->dev.node, s->dev.card,
+              cap_pixfmt_name(s->layout.fmt), s->layout.width, s->layout.height, s->layout.fps,
+              s->buffers->n);
     *out = base;
     return PVX_OK;
 }
@@ -430,7 +427,7 @@ static pvx_err v4l2_start(cap_source *base, const struct cap_sink *sink, struct 
     else if (v4l_call(s->dev.fd, VIDIOC_STREAMON, &type) != 0)
         e = v4l_fail(&s->c, s->dev.node, "VIDIOC_STREAMON", d);
     else if (pthread_create(&s->thread, NULL, camera_thread, s) != 0)
-        e = pvx_fail(d, PVX_EIO, "camera %s (v4l2:%s): cannot start its thread", s->name, s->uri);
+        e = CAP_FAIL(&s->c, "v4l2", d, PVX_EIO, "cannot start its thread");
     if (e != PVX_OK) {
         end_stream(s);
         return e;

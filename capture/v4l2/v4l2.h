@@ -1,4 +1,4 @@
-/* v4l2.h - what the files of the v4l2: backend share (private to v4l2.c and v4l2_*.c).
+/* v4l2.h - what the files of the v4l2: backend share (private to this folder).
  *
  * Source for the interface: the kernel's "Video for Linux API" (userspace-api/media/v4l). */
 #ifndef CAP_V4L2_INT_H
@@ -19,7 +19,7 @@ static inline bool v4l_mplane(const struct v4l_device *dev)
 
 /* ioctl(2), asked again when a signal interrupts it. */
 int v4l_call(int fd, unsigned long request, void *arg);
-/* Error of errno after `what` failed: names the camera, who uses the device (EBUSY), and the remedy
+/* Error of errno after `what` failed: names the camera, the programs that use the device (EBUSY), and the remedy
  * for what has one (EACCES, ENOSPC, EPIPE). */
 pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char *what,
                  struct pvx_diag *d);

@@ -204,7 +204,7 @@ T_CASE(a_genicam_file_of_many_levels_is_refused)
         fprintf(f, "<Integer Name=\"N%d\"><pValue>N%d</pValue></Integer>", i, i + 1);
     fprintf(f, "<Integer Name=\"N%d\"><Value>1</Value></Integer></RegisterDescription>", N);
     fclose(f);
-    lie_refused(n, xml, "through more than 200 nodes");
+    lie_refused(n, xml, "a chain of more than 200 nodes");
     free(xml);
 }
 

@@ -330,7 +330,7 @@ T_CASE(only_what_is_promised_is_read)
     struct pvx_diag d = {""};
     T_EQ_I(pvx_file_write(at("b.png"), bmp, sizeof bmp, &d), PVX_OK);
     T_EQ_I(cap_image_load(at("b.png"), &l, &d), PVX_EFORMAT);
-    T_CONTAINS(d.text, "neither PNG nor TIFF nor JPEG");
+    T_CONTAINS(d.text, "not a PNG, TIFF or JPEG file");
 }
 
 /* A film of pictures that are too large is told, and a list of other files is none. */

@@ -21,9 +21,10 @@ pvx_err calibrate_reel_open(struct calibrate_reel *r, const struct calibrate_loo
 static pvx_err from_video(struct calibrate_reel *r, uint32_t number, struct cap_image *img,
                           struct pvx_diag *d)
 {
-    do
-        PVX_TRY(cap_video_next(r->video, img, d));
-    while (r->next++ < number);
+    for (; r->next < number; r->next++)
+        PVX_TRY(cap_video_next(r->video, NULL, d));
+    PVX_TRY(cap_video_next(r->video, img, d));
+    r->next++;
     return PVX_OK;
 }
 
