@@ -19,7 +19,7 @@ ifneq ($(LIBFUZZER)$(COVERAGE),)
 $(OPENCV): CXX := clang++
 $(OPENCV): CXXFLAGS += $(INSTRUMENT) $(if $(SAN),-fno-sanitize=vptr)
 endif
-$(OPENCV): capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
+$(OPENCV): capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h capture/source/guarded.hpp
 $(OPENCV): MODULE_INCLUDES = -I/usr/include/opencv4
 $(OPENCV): MODULE_LIBS = $(addprefix -lopencv_,core imgcodecs imgproc videoio) -lavformat -lavcodec -lavutil
 
@@ -34,7 +34,7 @@ $(CALIB): recon/calib/shim.cpp recon/calib/shim.h
 $(CALIB): MODULE_INCLUDES = -I/usr/include/opencv4 -isystem /usr/include/eigen3
 $(CALIB): MODULE_LIBS = -lceres -lglog -lopencv_core -lopencv_calib3d
 
-$(B)/lib/pyrovox/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
+$(B)/lib/pyrovox/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h capture/source/guarded.hpp
 $(B)/lib/pyrovox/pyrovox-libcamera.so: MODULE_INCLUDES = $(shell pkg-config --cflags libcamera)
 $(B)/lib/pyrovox/pyrovox-libcamera.so: CXXFLAGS += -std=c++20
 $(B)/lib/pyrovox/pyrovox-libcamera.so: MODULE_LIBS = $(shell pkg-config --libs libcamera)

@@ -1,12 +1,11 @@
 /* files.c - files: image sequences and videos as cameras.
  *
- * A frame's number (file name, or place in the video) alone says when it was exposed, so frames of
- * one number form a set whatever is missing.  Live-like: frames are handed over in real time, one
- * period apart, and what cannot be loaded in time is left out.  Lossless: as fast as the consumer
- * takes them, nothing left out.
- * All files: cameras share one time line: where it begins and, with `loop`, how long one turn is -
- * the same for all, also when some sequences are shorter or start later, or turn k of one camera
- * would meet turn k of another with the wrong frames. */
+ * The time of a frame follows from its number alone (file name, or place in the video), so frames of one number form a
+ * set even when others are missing.  Live: frames are handed over in real time, one period apart, and a frame that
+ * cannot be loaded in time is left out.  Lossless: as fast as the consumer takes them, and every frame.
+ * All files: cameras share one time line: its begin and, with `loop`, the length of one turn.  Both are the same for all
+ * cameras, also when some sequences are shorter or start later.  Otherwise turn k of one camera would meet turn k of
+ * another with the wrong frames. */
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,11 +1,8 @@
 #include "capture/files/opencv_shim.h"
 
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <exception>
 #include <memory>
-#include <new>
 
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
@@ -13,7 +10,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "base/err.h"
+#include "capture/source/guarded.hpp"
 
 struct cap_cv_video {
     cv::VideoCapture capture;
@@ -23,30 +20,17 @@ struct cap_cv_video {
 namespace
 {
 
-int fail(int e, char *err, size_t err_size, const char *text)
+/* OpenCV's own exceptions know better what failed. */
+template <typename F> int in_opencv(char *err, size_t err_size, F f) noexcept
 {
-    snprintf(err, err_size, "%s", text);
-    for (char *p = err; *p != '\0'; p++) /* OpenCV's texts may have several lines */
-        if (*p == '\n')
-            *p = ' ';
-    return e;
-}
-
-/* Run f() and turn whatever it throws into an error. */
-template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
-{
-    try {
-        return f();
-    } catch (const std::bad_alloc &) {
-        return fail(PVX_ENOMEM, err, err_size, "out of memory");
-    } catch (const cv::Exception &e) {
-        return e.code == cv::Error::StsNoMem ? fail(PVX_ENOMEM, err, err_size, "out of memory")
-                                             : fail(PVX_EFORMAT, err, err_size, e.err.c_str());
-    } catch (const std::exception &e) {
-        return fail(PVX_EIO, err, err_size, e.what());
-    } catch (...) {
-        return fail(PVX_EIO, err, err_size, "unknown failure in OpenCV");
-    }
+    return guarded(err, err_size, [&]() -> int {
+        try {
+            return f();
+        } catch (const cv::Exception &e) {
+            return e.code == cv::Error::StsNoMem ? fail(PVX_ENOMEM, err, err_size, "out of memory")
+                                                 : fail(PVX_EFORMAT, err, err_size, e.err);
+        }
+    });
 }
 
 struct freed {
@@ -69,7 +53,7 @@ void to_rgb(const cv::Mat &in, cv::Mat &out)
 int decode(const void *bytes, size_t len, struct cap_cv_image *out, char *err,
            size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return in_opencv(err, err_size, [&]() -> int {
         *out = {};
         if (len > INT32_MAX)
             return fail(PVX_ERANGE, err, err_size, "larger than 2 GiB");
@@ -101,7 +85,7 @@ int decode(const void *bytes, size_t len, struct cap_cv_image *out, char *err,
 int encode(const char *ext, const struct cap_cv_image *img, void **out, size_t *len, char *err,
            size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return in_opencv(err, err_size, [&]() -> int {
         *out = nullptr;
         int type = CV_MAKETYPE(img->depth == 16 ? CV_16U : CV_8U, img->channels);
         const cv::Mat rgb(img->height, img->width, type, img->data);
@@ -125,7 +109,7 @@ int encode(const char *ext, const struct cap_cv_image *img, void **out, size_t *
 int video_open(const char *path, struct cap_cv_video **out, double *fps, int32_t size[2], char *err,
                size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return in_opencv(err, err_size, [&]() -> int {
         *out = nullptr;
         auto v = std::make_unique<cap_cv_video>();
         /* files only: the other backends go looking for cameras */
@@ -144,7 +128,7 @@ int video_open(const char *path, struct cap_cv_video **out, double *fps, int32_t
 int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
                size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return in_opencv(err, err_size, [&]() -> int {
         if (!v->capture.grab())
             return PVX_ECLOSED;
         if (borrowed == nullptr)
@@ -165,7 +149,7 @@ int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
 void video_close(struct cap_cv_video *v) noexcept
 {
     char err[16];
-    (void)guarded(err, sizeof err, [&]() -> int {
+    (void)in_opencv(err, sizeof err, [&]() -> int {
         delete v;
         return PVX_OK;
     });
@@ -179,15 +163,15 @@ const struct cap_cv module = {CAP_CV_VERSION, decode,      encode,          vide
 const struct cap_cv *cap_cv_module(void) noexcept
 {
     char err[16];
-    (void)guarded(err, sizeof err, [&]() -> int { /* errors are returned, not printed */
-                                                  cv::utils::logging::setLogLevel(
-                                                      cv::utils::logging::LOG_LEVEL_SILENT);
-                                                  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-                                                  /* no playlist that names other files, whatever it is called */
-                                                  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
-                                                         "format_whitelist;mov,matroska,avi,apng",
-                                                         0);
-                                                  return PVX_OK;
+    (void)in_opencv(err, sizeof err, [&]() -> int { /* errors are returned, not printed */
+                                                    cv::utils::logging::setLogLevel(
+                                                        cv::utils::logging::LOG_LEVEL_SILENT);
+                                                    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+                                                    /* no playlist that names other files, whatever it is called */
+                                                    setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
+                                                           "format_whitelist;mov,matroska,avi,apng",
+                                                           0);
+                                                    return PVX_OK;
     });
     return &module;
 }

@@ -1,10 +1,10 @@
 /* chunk.h - exposure time, gain, number and time that a camera sends with each frame (private to
  * the aravis: files).
  *
- * Aravis 0.8.26 reads the chunk data of GigE Vision 2 and USB3 Vision, not those of payload type 5
- * (GigE Vision 1.2): such frames are as good, but exposure and gain stay unknown, which is said once.
- * Threads: set up before the stream starts, then the stream's thread alone.  The parser is one of its
- * own, so that the camera's features are not touched. */
+ * Aravis 0.8.26 reads the chunk data of GigE Vision 2 and USB3 Vision, but not those of payload type 5 (GigE Vision
+ * 1.2).  Such frames are good, but their exposure and gain stay unknown.  One message says so.
+ * Threads: set up before the stream starts, then the stream's thread alone.  It has a parser of its own, so it does
+ * not touch the camera's features. */
 #ifndef CAP_ARAVIS_CHUNK_H
 #define CAP_ARAVIS_CHUNK_H
 #include <arv.h>

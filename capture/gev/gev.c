@@ -1,14 +1,13 @@
 /* gev.c - aravis: GigE Vision and USB3 Vision cameras.
  *
- * find.c which camera, setup.c what it is set to (trigger.c, ptp.c,
- * chunk.c), stream.c its frames, watch.c the slow loop; threads and locks are in
- * gev.h.
+ * find.c finds a camera.  setup.c applies the settings (with trigger.c, ptp.c and chunk.c).  stream.c receives frames.
+ * watch.c is the slow loop.  gev.h lists threads and locks.
  *
- * A camera that has gone silent is not waited for: Aravis asks for seconds at each access and when
- * the device is given up.  Stop asks once by itself, and when there is no answer the device is left to
- * a thread of its own, so that the camera can be opened anew as soon as it is back.
+ * We do not wait for a camera that has gone silent: Aravis asks for seconds at each access and when it gives up the
+ * device.  Stop asks the camera once by itself.  Without an answer, a thread of its own gives up the device, so that
+ * the camera can be opened again as soon as it is back.
  *
- * USB3 Vision cameras go the same way through Aravis; that was not exercised, for want of one. */
+ * USB3 Vision cameras use the same code through Aravis.  Not tested: no such camera was available. */
 #include <malloc.h>
 #include <stdio.h>
 #include <stdlib.h>

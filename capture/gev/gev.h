@@ -1,11 +1,11 @@
 /* gev.h - what the files of the aravis: source share (private to them).
  *
- * Threads: the supervisor's (open, start, trigger, health, stop, close), Aravis' receiving thread
- * (stream.c), our slow loop (watch.c) and, for a camera that does not answer any more, one that
- * waits for Aravis to give it up (gev.c).  Aravis' heartbeat thread never comes here (last.h).
- * Locks: `device` around every use of the camera's features, which Aravis does not guard; `lock`
- * around the rest that threads share.  `device` may be held for seconds when a camera is dead; nothing
- * takes it while holding another. */
+ * Threads: the supervisor's (open, start, trigger, health, stop, close), Aravis' receiving thread (stream.c) and our
+ * slow loop (watch.c).  For a camera that no longer answers, one more thread waits until Aravis gives it up (gev.c).
+ * Aravis' heartbeat thread never calls us (last.h).
+ * Locks: `device` around every use of the camera's features, which Aravis does not guard.  `lock` around the other
+ * state that threads share.  A thread may hold `device` for seconds when a camera is dead, so no thread takes it
+ * while it holds another lock. */
 #ifndef CAP_ARAVIS_INT_H
 #define CAP_ARAVIS_INT_H
 #include <arv.h>

@@ -1,5 +1,5 @@
-/* host.h - what the host grants to the threads that receive: priority, and room for packets (private to
- * the aravis: files).  Each is a warning, not an error, when it is refused. */
+/* host.h - priority of the receiving threads, and socket buffers (private to the aravis: files).  A refusal by the
+ * host is a warning, not an error. */
 #ifndef CAP_ARAVIS_HOST_H
 #define CAP_ARAVIS_HOST_H
 #include "capture/source/source.h"

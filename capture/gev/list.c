@@ -1,8 +1,8 @@
 /* list.c - the cameras that Aravis sees.
  *
- * Maker, model, serial number and address come from the discovery, which no camera minds.  Formats are
- * in the camera's features, and Aravis takes control of a GigE camera to read them: done only where the
- * control channel's register, which every program may read, says that no other program has it. */
+ * Maker, model, serial number and address come from the discovery, which disturbs no camera.  Formats are in the
+ * camera's features, and Aravis takes control of a GigE camera to read them.  So they are read only where the control
+ * channel's register, which every program may read, says that no other program has control. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

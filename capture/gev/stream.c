@@ -1,13 +1,12 @@
 /* stream.c - frames of an aravis: camera, from Aravis' receiving thread.
  *
- * Zero copy: the ArvBuffers are lent out as frames and come back (lend.h).  Two always stay with the
- * stream: a frame that would take the last but one is dropped here and counted as an underrun, because
- * Aravis counts those in packets.
+ * Zero copy: the ArvBuffers are lent out as frames and come back (lend.h).  Two always stay with the stream.  A frame
+ * that would take one of them is dropped here and counted as an underrun, because Aravis counts those in packets.
  *
- * Nothing of a buffer without SUCCESS is used: after a lost leader its number and stamp are those of
- * an earlier frame (seen: 31 of 696).  A SUCCESS may still be short (IP fragments: bytes are missing;
- * packets that make no sense: no bytes, or no leader and so the stamp of an earlier frame): its number
- * and stamp are not used either. */
+ * No field of a buffer without SUCCESS is used: after a lost leader, its number and stamp are those of an earlier
+ * frame (seen: 31 of 696).  A buffer with SUCCESS may still be short.  With IP fragments bytes are missing, and with
+ * invalid packets there are no bytes, or no leader and so the stamp of an earlier frame.  The number and stamp of a
+ * short buffer are not used either. */
 #include <stdlib.h>
 
 #include "base/clock.h"

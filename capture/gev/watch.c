@@ -1,10 +1,10 @@
-/* watch.c - the slow loop of a running camera (gev.h): every 0.4 s whether it is still ours and waits for
- * what it was set to wait for, every 2 s its clock against the host's, its temperature, PTP and the
- * packets that were asked for again.
+/* watch.c - the slow loop of a running camera (gev.h).  Every 0.4 s it checks that we still control the camera, and
+ * that its trigger mode is the one that was set.  Every 2 s it reads the camera's clock, temperature and PTP state,
+ * and the number of packets that were requested again.
  *
- * The clock: the camera is told to latch it (TimestampLatch, GevTimestampControlLatch); it did so
- * between the command and its answer, which gives the bound.  The best of three counts.
- * PTP that is lost while running is logged once, and once when it is back. */
+ * The clock: the camera latches it on command (TimestampLatch, GevTimestampControlLatch), between the command and
+ * its answer, which gives the bound.  The best of three readings counts.
+ * Loss of PTP while the camera runs is logged once, and its return once. */
 #include <math.h>
 #include <sched.h>
 #include <stdio.h>
@@ -108,7 +108,7 @@ static void look_at_mode(struct aravis_source *s)
     if (good)
         return;
     snprintf(text, sizeof text, "%.70s; %s", is,
-             again ? "it was set again" : "it cannot be set now: the camera is opened again");
+             again ? "it was set again" : "it cannot be set now: opened again");
     if (cap_gate_enter(&s->gate)) {
         if (s->sink.detail != NULL)
             s->sink.detail(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, text);

@@ -4,6 +4,7 @@
 
 #include "base/mem.h"
 #include "capture/gevsim/gevsim.h"
+#include "capture/pixel/pixfmt_pack.h"
 
 static bool is_bayer(enum cap_pixfmt f)
 {
@@ -54,22 +55,20 @@ static uint16_t ring_sample(const struct cap_gvcam *c, const uint8_t *image, uin
     return v;
 }
 
-/* One row of the region as 16-bit samples; the number of them. */
-static size_t row_samples(const struct cap_gvcam *c, const uint8_t *image, uint32_t y,
-                          uint16_t *out)
+/* One row of the region as samples of the format's depth. */
+static void row_samples(const struct cap_gvcam *c, const uint8_t *image, uint32_t y, uint16_t *out)
 {
     uint32_t w = c->image.region[0], x0 = c->image.region[2], sy = y + c->image.region[3];
     bool from_rgb = cap_pixfmt_channels(c->c.fmt) == 3 && !is_bayer(c->c.fmt);
     const uint8_t *cell = cap_pixfmt_bayer(c->image.fmt);
     bool to_rgb = cap_pixfmt_channels(c->image.fmt) == 3 && cell == NULL;
-    unsigned first = c->image.fmt == CAP_BGR8 ? 2 : 0;
     for (uint32_t x = 0; x < w; x++) {
         uint32_t sx = x + x0;
         if (!from_rgb)
             out[x] = ring_sample(c, image, sx, sy, 0);
         else if (to_rgb)
             for (unsigned ch = 0; ch < 3; ch++)
-                out[3 * x + ch] = ring_sample(c, image, sx, sy, first == 2 ? 2 - ch : ch);
+                out[3 * x + ch] = ring_sample(c, image, sx, sy, ch);
         else if (cell != NULL)
             out[x] = ring_sample(c, image, sx, sy, cell[(y & 1) * 2 + (x & 1)]);
         else
@@ -78,51 +77,9 @@ static size_t row_samples(const struct cap_gvcam *c, const uint8_t *image, uint3
                             ring_sample(c, image, sx, sy, 2)) /
                            3);
     }
-    return to_rgb ? 3 * (size_t)w : w;
-}
-
-static void pack_p(const uint16_t *s, size_t n, unsigned depth, uint8_t *out)
-{
-    uint32_t acc = 0;
-    unsigned have = 0;
-    for (size_t k = 0; k < n; k++) {
-        acc |= (uint32_t)(s[k] >> (16 - depth)) << have;
-        for (have += depth; have >= 8; have -= 8, acc >>= 8)
-            *out++ = (uint8_t)acc;
-    }
-    if (have > 0)
-        *out = (uint8_t)acc;
-}
-
-/* GigE Vision 1: high bits in bytes 0 and 2, the low ones shared in byte 1. */
-static void pack_gige(const uint16_t *s, size_t n, unsigned depth, uint8_t *out)
-{
-    unsigned low = depth - 8;
-    for (size_t k = 0; k < n; k += 2, out += 3) {
-        unsigned a = s[k] >> (16 - depth), b = k + 1 < n ? s[k + 1] >> (16 - depth) : 0;
-        out[0] = (uint8_t)(a >> low);
-        out[1] = (uint8_t)((a & ((1u << low) - 1)) | (b & ((1u << low) - 1)) << 4);
-        out[2] = (uint8_t)(b >> low);
-    }
-}
-
-static void pixel_pack(enum cap_pixfmt f, const uint16_t *s, size_t n, uint8_t *out)
-{
-    unsigned depth = (unsigned)cap_pixfmt_depth(f);
-    switch (cap_pixfmt_layout(f)) {
-    case CAP_LAYOUT_P: pack_p(s, n, depth, out); break;
-    case CAP_LAYOUT_PACKED: pack_gige(s, n, depth, out); break;
-    case CAP_LAYOUT_8:
-        for (size_t k = 0; k < n; k++)
-            out[k] = (uint8_t)(s[k] >> 8);
-        break;
-    default:
-        for (size_t k = 0; k < n; k++) {
-            uint16_t v = (uint16_t)(s[k] >> (16 - depth));
-            out[2 * k] = (uint8_t)v; /* pixels are little-endian on the wire */
-            out[2 * k + 1] = (uint8_t)(v >> 8);
-        }
-    }
+    const int down = 16 - cap_pixfmt_depth(c->image.fmt);
+    for (size_t k = 0; k < (to_rgb ? 3 : 1) * (size_t)w; k++)
+        out[k] = (uint16_t)(out[k] >> down);
 }
 
 static uint8_t *pixel_convert(const struct cap_gvcam *c, const uint8_t *image)
@@ -130,8 +87,10 @@ static uint8_t *pixel_convert(const struct cap_gvcam *c, const uint8_t *image)
     size_t row = cap_pixfmt_row(c->image.fmt, (int32_t)c->image.region[0]);
     uint16_t *samples = pvx_calloc(3 * (size_t)c->image.region[0], sizeof *samples);
     uint8_t *out = pvx_calloc(c->image.region[1], row);
-    for (uint32_t y = 0; samples != NULL && out != NULL && y < c->image.region[1]; y++)
-        pixel_pack(c->image.fmt, samples, row_samples(c, image, y, samples), out + y * row);
+    for (uint32_t y = 0; samples != NULL && out != NULL && y < c->image.region[1]; y++) {
+        row_samples(c, image, y, samples);
+        cap_pixfmt_pack_row(c->image.fmt, (int32_t)c->image.region[0], samples, out + y * row);
+    }
     if (samples == NULL)
         PVX_FREE(out);
     free(samples);

@@ -5,11 +5,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <exception>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <new>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -22,7 +20,7 @@
 
 #include <libcamera/libcamera.h>
 
-#include "base/err.h"
+#include "capture/source/guarded.hpp"
 
 using namespace libcamera;
 
@@ -68,29 +66,6 @@ struct cap_lc_camera {
 
 namespace
 {
-
-int fail(int e, char *err, size_t err_size, const std::string &text)
-{
-    snprintf(err, err_size, "%s", text.c_str());
-    return e;
-}
-
-/* Run f() and turn whatever it throws into an error. */
-template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
-{
-    try {
-        return f();
-    } catch (const std::bad_alloc &) {
-        snprintf(err, err_size, "out of memory");
-        return PVX_ENOMEM;
-    } catch (const std::exception &e) {
-        snprintf(err, err_size, "%s", e.what());
-        return PVX_EIO;
-    } catch (...) {
-        snprintf(err, err_size, "unknown failure in libcamera");
-        return PVX_EIO;
-    }
-}
 
 std::string system_text(const char *what, int negative_errno)
 {

@@ -1,5 +1,5 @@
-/* intake.c - where drivers' threads hand over their frames: check, stamp order, ring.
- * No logging, no lock and no waiting here (except for room in a lossless run). */
+/* intake.c - drivers' threads hand over their frames here: check, stamp order, ring.
+ * No logging, no lock and no waiting (except for room in a lossless run). */
 #include <stdarg.h>
 #include <stdio.h>
 

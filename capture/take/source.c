@@ -2,13 +2,12 @@
  *
  *     take:FILE            the camera of this name, at the original speed
  *     take:FILE?speed=2    twice as fast
- * Frames carry their sets' numbers and their original times, so the sets are those of the recording
- * (frameset.h), whatever the speed.  Lossless: as fast as the consumer takes them, nothing left out.
- * Live, a frame comes as long after the first set's arrival as it came then, by the monotonic clock:
- * a host clock that was set during the recording is in the frames' times, not in their pace.
- * Frames that were in no set are not played.  All cameras of a file share it and one time line, which
- * starts with the first of them; with `loop` turn n has numbers and times n times the length of the
- * take later. */
+ * Frames carry their sets' numbers and their original times, so the sets are those of the recording (frameset.h) at
+ * any speed.  Lossless: as fast as the consumer takes them, and every frame.
+ * Live, a frame comes as long after the first set's arrival as in the recording, by the monotonic clock.  A host clock
+ * that was set during the recording affects the frames' times, not their pace.
+ * Frames without a set are not played.  All cameras of a file share it and one time line, which starts with the first
+ * of them.  With `loop`, numbers and times of turn n are later by n times the length of the take. */
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>

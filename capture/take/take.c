@@ -1,7 +1,7 @@
 /* take.c - the reading half of take.h: the files of a recording that rolled over, as one take.
  *
- * All their tables are in memory and numbered through: places in `member` are those of the whole take.  Of the files
- * few are open at a time, for libhdf5 keeps some MB for each. */
+ * All their tables are in memory with continuous numbers: indices in `member` are those of the whole take.  Few of the
+ * files are open at a time, because libhdf5 keeps some MB for each. */
 #include <dirent.h>
 #include <limits.h>
 #include <malloc.h>

@@ -1,9 +1,9 @@
 /* write.c - the writing half of take.h.
  *
- * A camera's datasets are made when its first frame comes: only then its format is known.  That leaves
- * SWMR mode for some milliseconds (close, open, make, start again); the rest of the time all tables only
- * grow.  Metadata is given out in blocks of META bytes, so that rows and chunk indices lie before the
- * pixels that they speak of, and a file that is cut anywhere still tells of all that is left. */
+ * A camera's datasets are made when its first frame comes, because its format is known only then.  This leaves SWMR
+ * mode for some milliseconds (close, open, make, start again).  Otherwise all tables only grow.  Metadata gets blocks
+ * of META bytes, so that rows and chunk indices lie before the pixels that they describe.  A file that is cut
+ * anywhere still describes all pixels that are left. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
