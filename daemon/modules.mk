@@ -19,7 +19,8 @@ ifneq ($(LIBFUZZER)$(COVERAGE),)
 $(OPENCV): CXX := clang++
 $(OPENCV): CXXFLAGS += $(INSTRUMENT) $(if $(SAN),-fno-sanitize=vptr)
 endif
-$(OPENCV): capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h capture/source/guarded.hpp
+$(OPENCV): capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h \
+  capture/source/guarded.hpp
 $(OPENCV): MODULE_INCLUDES = -I/usr/include/opencv4
 $(OPENCV): MODULE_LIBS = $(addprefix -lopencv_,core imgcodecs imgproc videoio) -lavformat -lavcodec -lavutil
 
