@@ -49,21 +49,21 @@ programs() { # folder
     local t
     for t in "$b/tests/$1"/test_*; do
         [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
-        queue "${t#"$b"/tests/}" 1200 "$t"
+        queue "${t#"$b"/tests/}" 3600 "$t"
     done
 }
 corpus() { # fuzz target
     local n=${1##*/fuzz_}
     mkdir "$notes/found-$n"
     [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$notes/found-$n"
-    queue "fuzz/$n" 1200 "$1" tests/fuzz/corpus/"$n" --once "$notes/found-$n"
+    queue "fuzz/$n" 3600 "$1" tests/fuzz/corpus/"$n" --once "$notes/found-$n"
 }
 longest() { # what, lines of seconds, processor seconds, name
     echo; echo "the 25 longest $1: seconds, of a processor:"
     sort -rn | head -n 25 | awk '{ s = $1; c = $2; sub(/^[^ ]+ [^ ]+ /, ""); printf "  %7.1f %7s  %s\n", s, c, $0 }'
 }
 if [ $system = 1 ]; then
-    for t in tests/system/[0-9]*.sh; do queue "system/$(basename "$t")" 1200 bash "$t"; done
+    for t in tests/system/[0-9]*.sh; do queue "system/$(basename "$t")" 3600 bash "$t"; done
 fi
 programs sim; programs unit; programs check
 for t in "$b"/tests/fuzz/fuzz_*; do

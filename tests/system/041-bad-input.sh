@@ -19,7 +19,7 @@ check no-rig refused "rig: not given" <<< 'cameras: "sim:"'
 check no-cameras refused "cameras: none given" <<< "rig: $rig"
 check rig-missing refused "nowhere.yaml" <<< $'rig: nowhere.yaml\ncameras: "sim:"'
 check unknown-camera refused "cameras.cam9" <<< "{rig: $rig, cameras: {cam9: \"sim:\"}}"
-check unknown-source refused "cam0" <<< "{rig: $rig, cameras: \"magic:1\"}"
+check unknown-source refused "cam0" <<< "{rig: $rig, cameras: \"magic:1\", control: {endpoint: \"$control\"}}"
 check unknown-source-in-check refused "magic:1" --check-config <<< "{rig: $rig, cameras: \"magic:1\"}"
 check unquoted-source refused 'needs quotes, as "sim:"' <<< $'rig: x\ncameras: sim:'
 check too-few-cameras refused "sync.min_cameras: 9, but there are not so many" --check-config <<< "{rig: $rig, cameras: \"sim:\", sync: {min_cameras: 9}}"
