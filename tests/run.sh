@@ -3,7 +3,8 @@
 #   run.sh BUILD [--no-system] [FILTER]
 # Every program prints PASS/FAIL/SKIP lines.  A program that dies without one is a failure by itself.  The limits
 # end what hangs; no test comes near them on a machine however busy.
-# TEST_JOBS programs run at a time (two for each processor: many of them wait).  Those that wait most are started first.
+# TEST_JOBS programs run at a time (two for each processor: many of them wait).  The longest are started first: system tests
+# that say "# offline" in their second line (they compute and need no camera), then other system tests.
 set -u
 cd "$(dirname "$0")/.."
 b=$1; shift
@@ -63,7 +64,8 @@ longest() { # what, lines of seconds, processor seconds, name
     sort -rn | head -n 25 | awk '{ s = $1; c = $2; sub(/^[^ ]+ [^ ]+ /, ""); printf "  %7.1f %7s  %s\n", s, c, $0 }'
 }
 if [ $system = 1 ]; then
-    for t in tests/system/[0-9]*.sh; do queue "system/$(basename "$t")" 3600 bash "$t"; done
+    offline=$(grep -l '^# offline' tests/system/[0-9]*.sh)
+    for t in $offline $(grep -L '^# offline' tests/system/[0-9]*.sh); do queue "system/$(basename "$t")" 3600 bash "$t"; done
 fi
 programs sim; programs unit; programs check
 for t in "$b"/tests/fuzz/fuzz_*; do
