@@ -1,13 +1,13 @@
-/* memory.c - what a vote takes from earlier sets. */
+/* memory.c - the state that a vote keeps from earlier sets. */
 #include <string.h>
 
 #include "recon/vote/impl.h"
 
-#define FROZEN 3   /* times the same picture in a row */
-#define LIT    8   /* bins, at least: with fewer the same picture is no wonder */
-#define WORSE  0.5 /* of REC_VOTE_ALONE, and what they are asked for has changed */
+#define FROZEN 3   /* repeats of the same picture in a row */
+#define LIT    8   /* lit bins; with fewer, an equal picture may be chance */
+#define WORSE  0.5 /* of REC_VOTE_ALONE: after such a rise of R every camera is tested again */
 
-/* FNV-1a over the places and values of what is lit: a function of the camera's own picture alone. */
+/* FNV-1a over the places and values of the lit bins: depends on the camera's own picture alone. */
 static uint64_t checksum(const rec_vote *v, size_t c)
 {
     uint64_t sum = 14695981039346656037u;
@@ -47,14 +47,13 @@ uint64_t rec_vote_frozen(rec_vote *v)
     return frozen;
 }
 
-/* They are asked in every (hold / 3)th set. */
+/* Every camera is tested in each (hold / 3)th set. */
 bool rec_vote_may_wait(const rec_vote *v, double r)
 {
     return v->waited + 1 < v->hold / 3 && r <= v->usual + WORSE * REC_VOTE_ALONE;
 }
 
-/* A camera that went out is back after `hold` sets in which it agrees; between two that
- * asked it those that did not count too. */
+/* A camera that went out is back after `hold` sets in which it agrees.  The sets between two tests count too. */
 static void come_and_go(rec_vote *v, const struct rec_verdict *o)
 {
     bool judged = o->state >= REC_VOTE_AGREE;

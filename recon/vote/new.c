@@ -1,4 +1,4 @@
-/* new.c - what the vote needs of a rig, once. */
+/* new.c - the data of the vote that depends on the rig alone, computed once. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -6,7 +6,7 @@
 #include "base/mem.h"
 #include "recon/vote/impl.h"
 
-/* Floats, up to whole cache lines. */
+/* Number of floats, rounded up to whole cache lines. */
 static size_t padded(size_t n)
 {
     return (n + PVX_ALIGN / sizeof(float) - 1) / (PVX_ALIGN / sizeof(float)) *
@@ -48,7 +48,7 @@ static bool new_areas(rec_vote *v)
     size_t merged = 0;
     for (size_t c = 0; c < v->cameras; c++) {
         v->merged_at[c] = merged;
-        merged += PVX_ALIGN + (size_t)v->S->block[c].bw; /* no line is of two threads */
+        merged += PVX_ALIGN + (size_t)v->S->block[c].bw; /* threads share no cache line */
     }
     v->merged = pvx_calloc(merged, 1);
     v->col = pvx_calloc(v->voxels, sizeof *v->col);
@@ -64,7 +64,7 @@ static bool new_areas(rec_vote *v)
     return ok;
 }
 
-/* Whose rays meet the grid and for how long, and how large a voxel is in each camera's picture. */
+/* The length of each bin's ray in the grid, and the size of a voxel in each camera's picture. */
 static pvx_err new_look(rec_vote *v)
 {
     struct rec_restrictor *r;

@@ -3,12 +3,12 @@
 
 #include "recon/vote/impl.h"
 
-/* A coarse bin counts when this share of its bins was measured: what saturated is brighter than the rest. */
+/* A coarse bin counts when this share of its bins was measured.  The saturated ones are brighter than the rest. */
 #define MEASURED 0.75F
 
 struct bin {
     rec_f4 sum, weight;
-    float bright; /* of what was not measured */
+    float bright; /* sum over the bins that were not measured */
     uint32_t n;
 };
 
@@ -29,8 +29,7 @@ REC_INLINE struct bin gather(const rec_vote *v, size_t c, int32_t x, int32_t y, 
 {
     const struct rec_sysmat_block *f = &v->S->block[c];
     int32_t side = 1 << v->shift, x0 = x * side, y0 = y * side;
-    if (per_channel &&
-        side == 1) { /* a mosaic's bin has one channel: the four that have all three */
+    if (per_channel && side == 1) { /* a bin of a mosaic has one channel: four have all */
         side = 2;
         x0 &= ~1;
         y0 &= ~1;
@@ -45,11 +44,11 @@ REC_INLINE struct bin gather(const rec_vote *v, size_t c, int32_t x, int32_t y, 
     return o;
 }
 
-/* Channels added up, each the mean of what was measured of it; false: too little was. */
+/* The sum of the channels, each the mean of its measured bins; false: too few were measured. */
 static bool pooled_settle(const struct bin *o, int channels, bool per_channel, float *value)
 {
     float least = MEASURED * (float)o->n, sum = 0;
-    if (per_channel) /* a filter lets one of them through, red and blue at a quarter of the bins */
+    if (per_channel) /* a filter passes one channel per bin; red and blue have a quarter of the bins */
         least *= o->weight[0] + o->weight[1] + o->weight[2] <= 1.01F * (float)o->n ? 0.2F : 1;
     for (int l = 0; l < channels; l++) {
         if (!(o->weight[l] >= least) || o->weight[l] <= 0)
@@ -73,7 +72,7 @@ static void put_bin(rec_vote *v, size_t i, const struct bin *o, struct rec_vote_
     s->power += ok ? (double)value * value : 0;
 }
 
-/* Bins of camera c that are looked at: what no column is seen in and nobody lit says nothing. */
+/* Pools the bins of camera c.  A bin that is not lit and sees no column is skipped: it carries no information. */
 static void pooled_pool_camera(void *ctx, size_t c)
 {
     rec_vote *v = ctx;
@@ -109,7 +108,7 @@ void rec_vote_pool(rec_vote *v)
     pvx_pool_run(v->pool, v->cameras, pooled_pool_camera, v);
 }
 
-/* The silhouettes' rows [j0,j1) of camera c, one over the other. */
+/* The union of the silhouette rows [j0,j1) of camera c, as one row. */
 static const uint8_t *merge_rows(const rec_vote *v, size_t c, int32_t j0, int32_t j1)
 {
     size_t w = (size_t)v->S->block[c].bw, at = v->S->row0[c];
@@ -135,7 +134,7 @@ static bool any_of(const uint8_t *p, int32_t n)
     return any != 0;
 }
 
-/* Bins of the level that are lit, and how many of them are above and left of each. */
+/* The level's lit bins, and their summed-area table. */
 static void light_camera(void *ctx, size_t c)
 {
     rec_vote *v = ctx;
@@ -164,7 +163,7 @@ void rec_vote_light(rec_vote *v)
     pvx_pool_run(v->pool, v->cameras, light_camera, v);
 }
 
-/* Lit bins of a footprint. */
+/* Number of lit bins in a footprint. */
 static uint32_t lit_in(const rec_vote *v, size_t c, struct rec_rect r)
 {
     size_t w = (size_t)v->level->block[c].bw + 1, top = (size_t)r.y0 * w;
@@ -206,7 +205,7 @@ static void pooled_mark_layer(void *ctx, size_t k)
     v->in_layer[k] = n;
 }
 
-/* Cameras that take part, those first that are most likely dark. */
+/* Cameras that take part, those with the fewest lit bins first: they are most likely dark. */
 static void find_darkest(rec_vote *v)
 {
     v->n_darkest = 0;

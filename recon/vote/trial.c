@@ -1,13 +1,13 @@
-/* trial.c - (1) of vote.h solved without some cameras, each trial on one thread, and what it says of them. */
+/* trial.c - solves (1) of vote.h without some cameras, each trial on one thread, and names the fault of a camera. */
 #include <math.h>
 #include <string.h>
 
 #include "recon/vote/impl.h"
 
-/* A camera's picture beside that which the volume of the others has for it. */
-#define SCARCELY 0.02 /* of the brightest bin: nothing is expected there */
-#define DARK     0.05 /* of the power that is expected: it sees nothing */
-#define RESTS    0.25 /* of the misfit is left once its brightness is right: that was all */
+/* Constants of rec_vote_cause, which compares a camera's picture with the one that the others' volume predicts. */
+#define SCARCELY 0.02 /* of the brightest predicted bin: no light is expected below this */
+#define DARK     0.05 /* of the expected power: with less, the camera is dark */
+#define RESTS    0.25 /* of the misfit: if less is left after scaling, the gain is wrong */
 
 #define FOR_BINS(i, v) \
     REC_FOR_BINS (i, (v)->sub, ((struct rec_block_range){0, (v)->sub->n_blocks}), 1)
@@ -17,7 +17,7 @@ static size_t trial_bins_of(const rec_vote *v, size_t c)
     return v->level->row0[c + 1] - v->level->row0[c];
 }
 
-/* m_c of the cameras that take part, where they measured. */
+/* Row weights: m_c where camera c takes part and was measured, else 0. */
 static void weights(const rec_vote *v, struct rec_trial *t)
 {
     for (size_t c = 0; c < v->cameras; c++) {
@@ -64,7 +64,7 @@ void rec_vote_lengths(rec_vote *v)
             trial_back(v, (int32_t)c, t->wr, v->length[c]);
 }
 
-/* scale = 1 / (A'W A 1): steps of this length never overshoot, A being >= 0. */
+/* scale = 1 / (A'W A 1): steps of this length never overshoot, because A >= 0. */
 static void scale_steps(const rec_vote *v, struct rec_trial *t)
 {
     size_t n = (size_t)v->sub->n;
@@ -78,7 +78,7 @@ static void scale_steps(const rec_vote *v, struct rec_trial *t)
         t->scale[q] = t->scale[q] > 0 ? 1 / t->scale[q] : 0;
 }
 
-/* x fits camera c as far as it can by itself. */
+/* One step of SART: moves x to fit camera c alone. */
 static void sweep_camera(const rec_vote *v, struct rec_trial *t, int32_t c)
 {
     const float *length = v->length[c];
@@ -112,14 +112,14 @@ static void iterate(const rec_vote *v, struct rec_trial *t)
             t->y[q] = x + on * d;
         }
         momentum = next;
-        if (up > 0) { /* against the gradient: begin anew */
+        if (up > 0) { /* the step turned back: restart */
             momentum = 1;
             memcpy(t->y, t->x, n * sizeof *t->y);
         }
     }
 }
 
-/* One row of a picture: [1 2 1]/4. */
+/* Smooths one row of a picture by [1 2 1]/4. */
 static void smooth_row(const float *in, int32_t n, float *out)
 {
     for (int32_t x = 0; x < n; x++) {
@@ -155,7 +155,7 @@ static double misfit(const rec_vote *v, struct rec_trial *t, size_t c)
     return v->weigh[c] * sum;
 }
 
-/* The misfit of every camera, with those left out; light that no column explains is in it. */
+/* The misfit of every camera, also of those left out.  It includes light that no column explains. */
 static void trial_judge(const rec_vote *v, struct rec_trial *t)
 {
     trial_residual(v, t, t->x);
@@ -194,10 +194,10 @@ void rec_vote_judge(rec_vote *v)
     trial_judge(v, &v->trial[0]);
 }
 
-/* Camera c's picture b beside p, that of the volume without it. */
+/* Camera c's picture b against p, the prediction of the volume without c. */
 struct likeness {
     double bb, bp, pp;
-    uint32_t empty, lit; /* bins without light in p; those of them that are lit in b */
+    uint32_t empty, lit; /* bins without light in p; those of them lit in b */
 };
 static struct likeness trial_compare(const rec_vote *v, const struct rec_trial *t, size_t c)
 {

@@ -6,17 +6,17 @@
 #include "base/median.h"
 #include "recon/vote/impl.h"
 
-/* (3) of vote.h. */
+/* Constants of (3) of vote.h. */
 #define ALONE        REC_VOTE_ALONE
 #define SECOND       1.25
 #define NOISE        0.5
-#define BACK         0.5 /* of that, and a camera that was out agrees */
-#define TORN         0.1 /* G that no healthy camera was seen to have, by far */
-#define DAZZLED      0.5 /* share of a camera's bins that saturated, */
-#define CLEAR        0.1 /* while the others' median is at most this: it says nothing */
-#define LEAST_SWEEPS 2   /* from nothing, where all fit by then; */
-#define MOST_SWEEPS  3   /* else */
-#define FURTHER      6   /* iterations from there on, with and without each */
+#define BACK         0.5 /* a camera that was out agrees below this share of (3) */
+#define TORN         0.1 /* no healthy camera ever came near this G */
+#define DAZZLED      0.5 /* a camera with more than this share of its bins saturated is flooded, */
+#define CLEAR        0.1 /* if the median share of the cameras is at most this */
+#define LEAST_SWEEPS 2   /* sweeps from zero if all cameras fit after them, */
+#define MOST_SWEEPS  3   /* otherwise */
+#define FURTHER      6   /* iterations after the sweeps, for all cameras and without each */
 
 static const char *const state_names[REC_N_VOTE_STATES] = {
     [REC_VOTE_NONE] = "none",   [REC_VOTE_FEW] = "few", [REC_VOTE_DARK] = "dark",
@@ -32,7 +32,7 @@ static uint64_t bit(size_t c)
     return (uint64_t)1 << c;
 }
 
-/* Cameras that take part and are not among those left out. */
+/* Cameras that take part, except those in `without`. */
 static uint64_t vote_believed(const rec_vote *v, uint64_t without)
 {
     uint64_t all = 0;
@@ -45,7 +45,7 @@ static int vote_count(uint64_t set)
     return __builtin_popcountll(set);
 }
 
-/* Median over the cameras of a set of what `value` holds. */
+/* Median of `value` over the cameras of a set. */
 static double vote_median_of(const rec_vote *v, uint64_t set, const double *value)
 {
     double some[REC_MAX_CAMERAS];
@@ -65,12 +65,12 @@ static double misfit_of(const rec_vote *v, const struct rec_trial *t, uint64_t s
     return sum;
 }
 
-/* (2) for every camera that trial 0 has. */
+/* The costs (2) of every camera in trial 0. */
 struct ballot {
     uint64_t voters;
     double cost[REC_MAX_CAMERAS];
     size_t top;
-    double second; /* the greatest but the top's */
+    double second; /* the second greatest cost */
     size_t trial[REC_MAX_CAMERAS];
 };
 static void take_ballot(rec_vote *v, struct ballot *b)
@@ -105,7 +105,7 @@ static void take_ballot(rec_vote *v, struct ballot *b)
     }
 }
 
-/* What camera c may cost: (3). */
+/* The limit (3) for the cost of camera c. */
 static double limit(const rec_vote *v, const struct ballot *b, size_t c)
 {
     double next = c == b->top ? b->second : b->cost[b->top];
@@ -117,7 +117,7 @@ static bool stands_out(const rec_vote *v, const struct ballot *b)
     return b->cost[b->top] > limit(v, b, b->top);
 }
 
-/* Those that would come back. */
+/* Notes which cameras would come back. */
 static void note_agreement(rec_vote *v, const struct ballot *b)
 {
     for (size_t c = 0; c < v->cameras; c++) {
@@ -126,7 +126,7 @@ static void note_agreement(rec_vote *v, const struct ballot *b)
     }
 }
 
-/* Nobody can exceed (3) when all together do not. */
+/* Fast path: no camera can exceed (3) when R of all cameras together does not. */
 static bool calm(const rec_vote *v, const struct rec_trial *t)
 {
     uint64_t all = vote_believed(v, t->without);
@@ -138,7 +138,7 @@ static bool calm(const rec_vote *v, const struct rec_trial *t)
     return misfit_of(v, t, all) <= ALONE * v->unit + least;
 }
 
-/* Cameras of a set, the brightest first, whatever their order in the rig. */
+/* Cameras of a set, the brightest first, independent of their order in the rig. */
 static size_t by_light(const rec_vote *v, uint64_t set, size_t *order)
 {
     size_t n = 0;
@@ -153,7 +153,7 @@ static size_t by_light(const rec_vote *v, uint64_t set, size_t *order)
     return n;
 }
 
-/* Trial 0 from nothing. */
+/* Starts trial 0 from x = 0. */
 static void vote_begin(rec_vote *v, uint64_t without)
 {
     struct rec_trial *t = &v->trial[0];
@@ -176,14 +176,15 @@ static void vote_leave_out(rec_vote *v, struct rec_verdict *o, const struct ball
     o->out |= bit(c);
     o->why[c] = (uint8_t)rec_vote_cause(v, t, c);
     o->cost[c] = (float)b->cost[c];
-    /* go on from there */
+    /* this trial becomes trial 0 */
     struct rec_trial all = v->trial[0];
     v->trial[0] = *t;
     *t = all;
 }
 
-/* Two that lie hide each other: the one that costs most and the one that stands out without it, which are
- * believed to lie when the first stands out without the second too.  Else all is as it was. */
+/* Two wrong cameras can hide each other.  Candidates are the camera of the greatest cost and the one that stands out
+ * without it.  Both go out if the first stands out without the second too.  Otherwise *o stays and trial 0 begins
+ * anew. */
 static bool two_at_once(rec_vote *v, struct rec_verdict *o, const struct ballot *b)
 {
     const uint64_t without = v->trial[0].without;
@@ -206,13 +207,13 @@ static bool two_at_once(rec_vote *v, struct rec_verdict *o, const struct ballot 
     return false;
 }
 
-/* R of those that trial 0 has, over P. */
+/* R over the cameras in trial 0, over P. */
 static double rest_of(const rec_vote *v)
 {
     return misfit_of(v, &v->trial[0], vote_believed(v, v->trial[0].without)) / v->unit;
 }
 
-/* With `hold`: whether this set can go without asking every camera.  Trial 0 is without those left out. */
+/* With `hold`: whether this set can do without testing every camera.  Trial 0 then omits the cameras that are out. */
 static bool as_before(rec_vote *v, struct rec_verdict *o)
 {
     uint64_t held = v->out & vote_believed(v, o->out), rest = vote_believed(v, v->out | o->out);
@@ -231,7 +232,7 @@ static bool as_before(rec_vote *v, struct rec_verdict *o)
     return true;
 }
 
-/* One after the other; at most half of all but two. */
+/* Puts cameras out one after the other, at most (voters - 2) / 2 of them. */
 static void decide(rec_vote *v, struct rec_verdict *o)
 {
     uint64_t dazzled = o->out;
@@ -265,7 +266,7 @@ static void decide(rec_vote *v, struct rec_verdict *o)
     o->misfit = (float)(rest_of(v) / vote_count(vote_believed(v, o->out)));
 }
 
-/* Cameras whose picture is one bright area, while the others' are not. */
+/* Puts out cameras whose picture is mostly saturated while those of the others are not. */
 static void find_dazzled(const rec_vote *v, struct rec_verdict *o)
 {
     double share[REC_MAX_CAMERAS] = {0};
@@ -280,7 +281,7 @@ static void find_dazzled(const rec_vote *v, struct rec_verdict *o)
         }
 }
 
-/* P, and whether three cameras see a flame. */
+/* Sets P; returns whether three cameras see a flame. */
 static bool vote_measure(rec_vote *v)
 {
     double signal[REC_MAX_CAMERAS] = {0};
@@ -304,7 +305,7 @@ static void mark_frozen(rec_vote *v, struct rec_verdict *o)
         }
 }
 
-/* Where a flame is seen; whether every camera was asked. */
+/* The verdict on a set with a flame.  Returns whether every camera was tested. */
 static bool judge_set(rec_vote *v, struct rec_verdict *o)
 {
     find_dazzled(v, o);

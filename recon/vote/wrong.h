@@ -1,5 +1,5 @@
-/* wrong.h - what can be wrong with a camera of a rig that was right once: one list for the vote of every
- * frame set, for `calibrate check` and for the daemon's alarm.
+/* wrong.h - the faults that a camera of a once correct rig can have: one list for the vote of every frame set, for
+ * `calibrate check` and for the daemon's alarm.
  * Threads: pure. */
 #ifndef REC_WRONG_H
 #define REC_WRONG_H
@@ -14,10 +14,10 @@ enum rec_wrong {
     REC_WRONG_FLOODED,   /* lit or saturated where the others see none */
     REC_WRONG_MOVED,     /* its picture is displaced */
     REC_WRONG_MIRRORED,  /* or upside down */
-    REC_WRONG_LATE,      /* of another instant, or frozen */
+    REC_WRONG_LATE,      /* taken at another instant, or frozen */
     REC_WRONG_BLURRED,   /* out of focus */
     REC_WRONG_GAIN,      /* brighter or darker than the others say */
-    REC_WRONG_DISAGREES, /* it contradicts the others, and why cannot be told */
+    REC_WRONG_DISAGREES, /* it contradicts the others for an unknown reason */
     REC_N_WRONG
 };
 
