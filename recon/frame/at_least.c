@@ -4,7 +4,7 @@
 
 #include "recon/frame/impl.h"
 
-/* What a saturated sample's b is at least, of lane l at row i of camera c. */
+/* Lower bound of b for a saturated sample, lane l at row i of camera c. */
 static float full_scale(const rec_carver *k, size_t c, size_t i, size_t l)
 {
     const struct rec_photo_params *p = &k->photo_params[c];
@@ -15,7 +15,7 @@ static float full_scale(const rec_carver *k, size_t c, size_t i, size_t l)
     return 0.9999F * k->gain[c][l] * (full - p->black - back);
 }
 
-/* Lanes of row i that are at full scale: rows that were left out for that keep their values. */
+/* Lanes of row i that are at full scale.  Rows that were left out because of saturation keep their values. */
 static uint8_t lanes_of(const rec_frame *f, size_t c, size_t i)
 {
     uint8_t lanes = 0;
@@ -27,8 +27,8 @@ static uint8_t lanes_of(const rec_frame *f, size_t c, size_t i)
     return lanes;
 }
 
-/* A bin with one saturated sample has the value of full scale, its mean may be below: only bins between
- * others that are saturated as well are wholly so. */
+/* A bin with one saturated sample has the value of full scale, but its mean may be lower.  Only a bin between other
+ * saturated bins is taken as saturated as a whole. */
 static bool is_inner(const rec_frame *f, size_t c, size_t i)
 {
     const struct rec_sysmat_block *b = &f->S->block[c];

@@ -8,7 +8,7 @@
 #include "recon/carve/absorb.h"
 #include "recon/frame/impl.h"
 
-#define REC_DIM_SHARE   0.005F /* of pictures whose peak is 0.8 this is the floor, 0.004 */
+#define REC_DIM_SHARE   0.005F /* gives the floor 0.004 for pictures with a peak of 0.8 */
 #define REC_LEAST_FLOOR 0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
 
 pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
@@ -112,14 +112,14 @@ void rec_carver_absorb(rec_carver *k, double absorption)
     k->p.absorption = absorption;
 }
 
-/* Samples along an axis of a bin: colours of a Bayer filter have a quarter of them all. */
+/* Samples along an axis of a bin.  A colour of a Bayer filter has a quarter of all samples. */
 static float per_bin(const rec_carver *k, bool bayer)
 {
     return fmaxf((float)k->S->binning * (bayer ? 0.5F : 1), 1);
 }
 
-/* Where the camera's read noise is known, faint light may be told by it: the least threshold, which is for
- * 8 bits else, is what auto_k asks of it in a bin, if that is less. */
+/* The least automatic threshold.  The default floor is made for 8 bits.  If the camera's read noise is known, fainter
+ * light can be detected: then the threshold that auto_k gives for this noise in a bin is used, if it is lower. */
 static float least_threshold(const rec_carver *k, size_t c, bool bayer)
 {
     const struct rec_photo_params *p = &k->p.photo;
@@ -193,7 +193,7 @@ static void dismiss(rec_frame *f, size_t c)
     memset(f->lit + row0, 0, n);
 }
 
-/* Which cameras are believed.  The others become absent, but for their report. */
+/* Takes the vote.  Cameras that are not believed become absent, except in the report. */
 static void vote(rec_frame *f)
 {
     rec_carver *k = f->carver;
@@ -213,7 +213,7 @@ static void vote(rec_frame *f)
             dismiss(f, c);
 }
 
-/* What the pictures of those that are believed say of the whole set. */
+/* Sums over the pictures of the believed cameras. */
 static void sum_up(rec_frame *f)
 {
     const rec_carver *k = f->carver;

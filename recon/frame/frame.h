@@ -1,15 +1,15 @@
-/* frame.h - one frame set from binned pixels to a sparse volume: what daemon and CLI both call.
+/* frame.h - one frame set from binned pixels to a sparse volume: the interface of daemon and CLI.
  *
- * Stages own workspaces, slots own data.  A rec_carver and a rec_solver are there once for each stage
- * thread and hold what is static and all work areas; a rec_frame is the slot that travels from one
- * to the other: {pixels, lit, A on every level, x, report}.
- *   1. write pixels of camera c to rec_frame_input(f, c), and what they are to *rec_frame_camera(f, c)
+ * Stages own workspaces, slots own data.  Each stage thread has one rec_carver or one rec_solver, which holds the
+ * constant data and all work areas.  A rec_frame is the slot that travels from one to the other: {pixels, lit, A on
+ * every level, x, report}.
+ *   1. write the pixels of camera c to rec_frame_input(f, c), and their properties to *rec_frame_camera(f, c)
  *   2. rec_frame_carve: photometry, silhouettes, absorption, vote, hull, restricted system
  *   3. rec_frame_solve
  *   4. read rec_frame_volume; then rec_frame_reset for the next set
  * Threads: one slot at a time in each of 2 and 3; different slots may be in different steps.
- * After the three ..._new nothing allocates.  Owner: caller.  S and pool are borrowed, a slot borrows its
- * carver and its solver. */
+ * After the three ..._new nothing allocates.  Owner: caller.  S and pool are borrowed; a slot borrows its carver and
+ * its solver. */
 #ifndef REC_FRAME_H
 #define REC_FRAME_H
 #include "recon/carve/hull.h"
@@ -30,9 +30,9 @@ struct rec_frame_params {
     bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
     bool trust_all;    /* no vote (vote.h): every camera is believed */
     bool at_least; /* saturated pixels are lower bounds (bound.h; default solver), else left out */
-    bool temporal; /* expect what the volume before says (temporal.h); with coarse_start alone */
+    bool temporal; /* use the previous volume as a prediction (temporal.h); needs coarse_start */
     double absorption; /* c of absorb.h, 1 over pixel value; 0, the default: none */
-    uint32_t hold;     /* sets that a camera which was voted out has to agree in before it is back;
+    uint32_t hold;     /* sets in which a camera that was voted out has to agree before it is back;
                           0, the default: each set by itself */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
@@ -47,10 +47,10 @@ struct rec_frame_report {
     uint32_t saturated_in[REC_MAX_CAMERAS]; /* each camera that is present, believed or not */
     double absorption;                      /* rec_frame_params */
     float sigma;                            /* noise estimate, mean over cameras and channels */
-    struct rec_verdict vote;    /* which cameras are not believed; they are as if absent */
-    double temporal;            /* how far the volume before was trusted, 0..1 */
-    bool warm;                  /* the start was the earlier volume */
-    uint32_t coarse_iterations; /* on coarser grids, before those of `solve` */
+    struct rec_verdict vote;                /* cameras that are not believed count as absent */
+    double temporal;                        /* trust in the previous volume, 0..1 */
+    bool warm;                              /* the solve started from the earlier volume */
+    uint32_t coarse_iterations; /* iterations on coarser grids, before those of `solve` */
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
 
@@ -78,10 +78,10 @@ void rec_carver_free(rec_carver **k);
 /* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
 PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg);
 
-/* Other photometry from the next set on; the carve stage's thread, between sets.  Allocates nothing. */
+/* New photometry from the next set on.  Call on the carve stage's thread, between sets.  Allocates nothing. */
 void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p);
 
-/* Another absorption from the next set on; as rec_carver_tune. */
+/* New absorption from the next set on.  Call as rec_carver_tune. */
 void rec_carver_absorb(rec_carver *k, double absorption);
 
 /* Errors: PVX_EINVAL, PVX_ENOMEM. */
@@ -89,23 +89,23 @@ typedef struct rec_solver rec_solver;
 PVX_MUST_CHECK pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p,
                                       rec_solver **out, struct pvx_diag *d);
 void rec_solver_free(rec_solver **s);
-/* Other limits and weight from the next set on, but the method: it is what the work areas were made for.  The
- * solve stage's thread, between sets.  Allocates nothing. */
+/* New limits and weight from the next set on.  The method stays, because the work areas were made for it.  Call on
+ * the solve stage's thread, between sets.  Allocates nothing. */
 void rec_solver_tune(rec_solver *s, const struct rec_solve_params *p);
 
-/* A slot for these two, which were made from one matrix and the same params.  Errors: PVX_ENOMEM, those of
- * rec_subsys_new. */
+/* A slot for a carver and a solver that were made from the same matrix and the same params.  Errors: PVX_ENOMEM,
+ * those of rec_subsys_new. */
 typedef struct rec_frame rec_frame;
 PVX_MUST_CHECK pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out,
                                      struct pvx_diag *d);
-/* A slot with a carver and a solver of its own: for one frame set at a time. */
+/* A slot with a carver and a solver of its own, for one frame set at a time. */
 PVX_MUST_CHECK pvx_err rec_frame_alone(const rec_sysmat *S, const struct rec_rig *rig,
                                        const struct rec_frame_params *p, pvx_pool *pool,
                                        rec_frame **out, struct pvx_diag *d);
 void rec_frame_free(rec_frame **f);
 void rec_frame_reset(rec_frame *f);
 
-/* What one camera's pixels are in one set.  All 0, as rec_frame_reset leaves it: the camera is absent. */
+/* Properties of one camera's pixels in one set.  All 0, as rec_frame_reset leaves it: the camera is absent. */
 struct rec_frame_camera {
     bool present; /* Without it the pixels are not read. */
     /* The pixels have finer steps than 8 bits.  In a dim picture fainter light then counts as flame: half a percent of
@@ -113,7 +113,7 @@ struct rec_frame_camera {
     bool fine;
     /* The pixels were floating-point numbers.  They have no full scale, so no automatic saturation. */
     bool floats;
-    /* The pixels are those of a Bayer filter, unchanged: each has the channel of its filter and NaN in the others.  Only
+    /* The pixels come unchanged from a Bayer filter: each has the channel of its filter and NaN in the others.  Only
      * for the default solver.  Otherwise they were binned or interpolated, which changes their noise (photo.h). */
     bool mosaic;
     /* Colours of the Bayer filter's 2x2 pixels, row by row; NULL: no filter.  Only for 3 channels.  Borrowed until
@@ -129,10 +129,10 @@ float *rec_frame_input(rec_frame *f, size_t camera); /* [bh][bw][cs], cs = 4 for
 struct rec_frame_camera *rec_frame_camera(rec_frame *f, size_t camera);
 
 void rec_frame_carve(rec_frame *f);
-/* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or
- * NULL.  With coarse_start the solver starts from the coarser grids' solution or from `previous`,
- * whichever fits better; without from `previous`, or zero.  With `temporal` it is what the frame is
- * expected to be, and no start. */
+/* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid, or NULL.  With
+ * coarse_start the solver starts from the solution on coarser grids or from `previous`, whichever fits better.
+ * Without coarse_start it starts from `previous`, or from zero.  With `temporal`, `previous` predicts the frame and
+ * is not a start. */
 PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
                                        const struct rec_sparse *previous);
 

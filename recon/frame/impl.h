@@ -21,7 +21,7 @@ struct rec_carver {
     float read_noise[REC_MAX_CAMERAS];  /* of a sample, full scale = 1; 0 = not known */
     float noise_gain[REC_MAX_CAMERAS];  /* variance of a sample over its light, likewise */
     float *background[REC_MAX_CAMERAS]; /* or NULL */
-    struct rec_photo_image photo[REC_MAX_CAMERAS]; /* what is not the slot's is set for good */
+    struct rec_photo_image photo[REC_MAX_CAMERAS]; /* members outside a slot are set once */
     struct rec_photo_params photo_params[REC_MAX_CAMERAS];
     float *plane; /* [rows][4] for mosaics */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
@@ -38,12 +38,12 @@ struct rec_solver {
 struct rec_frame {
     rec_carver *carver;
     rec_solver *solver;
-    bool alone; /* they are its own */
+    bool alone; /* it owns carver and solver */
     const rec_sysmat *S;
     int nch, cs;
     size_t rows, voxels;
 
-    struct rec_frame_camera camera[REC_MAX_CAMERAS]; /* what the caller says */
+    struct rec_frame_camera camera[REC_MAX_CAMERAS]; /* the caller's entries */
     bool believed[REC_MAX_CAMERAS]; /* present, and not voted out; rec_frame_carve */
     float *b;                       /* [rows][cs] pixels in, right-hand side after carve */
     float *weight;                  /* [rows] */
@@ -62,7 +62,7 @@ struct rec_frame {
     struct rec_frame_report report;
 };
 
-/* Whether the camera's pixels come from a Bayer filter; from one, unchanged. */
+/* Whether the camera's pixels come from a Bayer filter; whether they are also unchanged. */
 static inline bool rec_frame_is_bayer(const rec_frame *f, size_t c)
 {
     return f->camera[c].cell != NULL && f->cs == 4;
@@ -86,7 +86,7 @@ static inline struct rec_pictures rec_frame_pictures(const rec_frame *f)
     return in;
 }
 
-/* After photometry: which rows are saturated, into least and least_of. */
+/* After photometry: writes the saturated rows to least and least_of. */
 void rec_frame_mark_saturated(rec_frame *f);
 
 #endif

@@ -1,12 +1,12 @@
 /* inside.h - more of frame.h, for the daemon, tests, benches and checks of the rig; not installed.
- * Threads: as frame.h.  What is returned is borrowed until the slot is carved again or reset. */
+ * Threads: as frame.h.  Results are borrowed until the slot is carved again or reset. */
 #ifndef REC_FRAME_INSIDE_H
 #define REC_FRAME_INSIDE_H
 #include "recon/frame/frame.h"
 #include "recon/matrix/subsys.h"
 
-/* rec_carver_background without a copy: *bg, of pvx_calloc or NULL, becomes the carver's, and the one before the caller's.
- * Allocates and frees nothing.  camera < the rig's. */
+/* rec_carver_background without a copy.  The carver takes *bg, which is of pvx_calloc or NULL, and gives the
+ * background before it to the caller in *bg.  Allocates and frees nothing.  camera < the rig's. */
 void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg);
 
 /* Restricted system and right-hand side of the carved frame.  A camera that was voted out has its

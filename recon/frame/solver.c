@@ -60,7 +60,7 @@ static void earlier_volume(rec_frame *f, const struct rec_sparse *from)
     }
 }
 
-/* f->x to start from; with coarser grids they or the earlier volume, whichever fits better. */
+/* Writes the start to f->x: with coarser grids their solution or the earlier volume, whichever fits better. */
 static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool any, bool warm)
 {
     rec_solver *s = f->solver;
