@@ -27,7 +27,7 @@ static double box_hit(const struct rec_body *b, const double o[3], const double 
     return s0 <= s1 ? s0 : INFINITY;
 }
 
-/* A cylinder is where a slab along its axis and an endless tube overlap: two intervals of the ray. */
+/* A cylinder is the intersection of a slab along its axis and an endless tube: two intervals of the ray. */
 static double cylinder_hit(const struct rec_body *b, const double o[3], const double d[3])
 {
     double axis[3], from[3], s0 = 0, s1 = INFINITY;
@@ -45,15 +45,15 @@ static double cylinder_hit(const struct rec_body *b, const double o[3], const do
     } else if (z < 0 || z > length) {
         return INFINITY;
     }
-    double across[3], to[3]; /* of the axis: the ray's direction, where it starts */
+    double across[3], to[3]; /* across the axis: direction, origin */
     for (int a = 0; a < 3; a++) {
         across[a] = d[a] - dz * axis[a];
         to[a] = from[a] - z * axis[a];
     }
     double A = body_dot(across, across), r2 = b->radius * b->radius;
-    if (A < 1e-24) /* along the axis */
+    if (A < 1e-24) /* the ray is parallel to the axis */
         return body_dot(to, to) <= r2 && s0 <= s1 ? s0 : INFINITY;
-    /* the nearest point to the axis first: exact from far away, where b^2 - a c cancels */
+    /* Start from the nearest point to the axis: exact from far away, where b^2 - a c cancels. */
     double middle = -body_dot(to, across) / A, near2 = 0;
     for (int a = 0; a < 3; a++) {
         double p = to[a] + middle * across[a];

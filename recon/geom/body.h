@@ -1,13 +1,13 @@
-/* body.h - known opaque bodies that stand in or before the flame: a ray ends at the first of them.
+/* body.h - known opaque bodies in the flame or in front of it: a ray ends at the first of them.
  *
  *     box       { x : min <= x <= max }
  *     cylinder  { x : 0 <= (x-from).a <= |to-from|, |x-from - ((x-from).a) a| <= radius },
  *               a = (to-from)/|to-from|                                                    (1)
- *     mesh      what a closed surface of triangles encloses
+ *     mesh      the inside of a closed surface of triangles
  * Source: slabs, T. L. Kay & J. T. Kajiya, SIGGRAPH 1986 (box, nodes of the mesh's tree); the quadric of (1);
  * T. Moeller & B. Trumbore, J. Graphics Tools 2(1), 1997 (triangles); the solid angle of a triangle, A. van
  * Oosterom & J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983 (inside a mesh).
- * Units: metres, world.  Threads: bodies are not changed once made; all questions are pure. */
+ * Units: metres, world.  Threads: bodies do not change after they are made; all queries are pure. */
 #ifndef REC_BODY_H
 #define REC_BODY_H
 #include <stdbool.h>
@@ -35,11 +35,11 @@ struct rec_body {
     double radius;     /* cylinder */
     struct rec_mesh *mesh;
     double scale;             /* mesh: metres per unit of the file */
-    char file[REC_BODY_FILE]; /* mesh: where it was read, from the root */
+    char file[REC_BODY_FILE]; /* mesh: absolute path of its file */
 };
 
 struct rec_bodies {
-    size_t n; /* 0: none, and nothing else is looked at */
+    size_t n; /* 0: no bodies; `body` is not read */
     struct rec_body *body;
 };
 
@@ -50,7 +50,7 @@ double rec_body_hit(const struct rec_bodies *b, const double origin[3], const do
 /* Whether the point is inside a body, or on its surface.  Cost: O(triangles). */
 bool rec_body_inside(const struct rec_body *b, const double x[3]);
 
-/* Copy (meshes are shared, counted) and free what belongs to them.  Same owner as their rig. */
+/* Copies bodies (meshes are shared, by a count of owners); frees what bodies own.  Their owner is that of the rig. */
 PVX_MUST_CHECK pvx_err rec_bodies_copy(const struct rec_bodies *b, struct rec_bodies *out);
 void rec_bodies_fini(struct rec_bodies *b);
 
@@ -59,18 +59,19 @@ void rec_bodies_fini(struct rec_bodies *b);
 PVX_MUST_CHECK pvx_err rec_mesh_new(const double *corners, size_t n, struct rec_mesh **out,
                                     struct pvx_diag *d);
 struct rec_mesh *rec_mesh_share(struct rec_mesh *m);
-void rec_mesh_free(struct rec_mesh **m); /* one of its owners */
+void rec_mesh_free(struct rec_mesh **m); /* gives up one owner's share */
 
 double rec_mesh_hit(const struct rec_mesh *m, const double origin[3], const double dir[3]);
 bool rec_mesh_inside(const struct rec_mesh *m, const double x[3]);
 void rec_mesh_box(const struct rec_mesh *m, double min[3], double max[3]);
 uint64_t rec_mesh_hash(const struct rec_mesh *m); /* XXH3-64 of its corners */
 
-/* Read a mesh file, corners times `scale`: STL as bytes or text; PLY as text or bytes of either order, whose polygons become
- * triangles unless they are bent inwards, and of which vertices and faces alone are looked at.  A surface whose longest side is
- * over a hundred times `side` [m] is refused: the file is in millimetres.  `path` from the working directory.
- * Errors: PVX_ENOENT, PVX_EPERM, PVX_EIO, PVX_EFORMAT (also: cut off), PVX_EINVAL, PVX_ENOMEM; diag: one sentence with the
- * remedy. */
+/* Reads a mesh file; corners are multiplied by `scale`.  STL: text or binary.  PLY: text or binary of either byte
+ * order; only its vertices and faces are used.  Its polygons become triangles; polygons that are bent inwards are
+ * refused.  A surface whose longest side is over a hundred times `side` [m] is refused: the file is in millimetres.
+ * `path` is relative to the working directory.
+ * Errors: PVX_ENOENT, PVX_EPERM, PVX_EIO, PVX_EFORMAT (also: cut off), PVX_EINVAL, PVX_ENOMEM; diag: one sentence
+ * with the remedy. */
 PVX_MUST_CHECK pvx_err rec_mesh_load(const char *path, double scale, double side,
                                      struct rec_mesh **out, struct pvx_diag *d);
 

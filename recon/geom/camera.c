@@ -6,10 +6,10 @@
 
 enum { K1, K2, P1, P2, K3, K4, K5, K6 };
 
-/* Is the polynomial sum a[i] t^i above 0 on all of [0,t]?  First the bound that keeps the negative
- * terms only, which decides nearly every point; then Bernstein coefficients: all positive proves
- * it, a value <= 0 at an end refutes it, else halve.  A root of even order (the curve touches zero)
- * counts as not positive, which is what a turning point needs. */
+/* Whether the polynomial sum a[i] t^i is above 0 on all of [0,t].  A bound from the negative terms alone decides
+ * nearly every point.  Otherwise the Bernstein coefficients decide: all positive proves it, a value <= 0 at an end
+ * refutes it, else the interval is halved.  A root of even order (the curve touches zero) counts as not positive,
+ * which is what a turning point needs. */
 static bool bernstein_positive(const double *b, int n, int depth)
 {
     bool all = true;
@@ -61,7 +61,7 @@ static bool positive_up_to(const double *a, int n, double t)
     return bernstein_positive(b, n, 40);
 }
 
-/* Does r c(r2) of (2) rise all the way from 0 to r?  With N, D numerator and denominator in t = r2,
+/* Whether r c(r2) of (2) rises all the way from 0 to r.  With N, D numerator and denominator in t = r2,
  * d(r c)/dr = (N D + 2 t (N' D - N D')) / D^2; both that numerator and D must stay positive. */
 static bool before_fold(const struct rec_camera *c, double t)
 {

@@ -18,8 +18,8 @@ extern "C" {
 
 #define REC_NAME_MAX 64
 
-/* Expected volume error (recon/calib/calib.h) of this camera, and what it stays below with a probability
- * of 95 %, in pixels and in voxels of the rig's grid.  All 0: not known. */
+/* Expected volume error (recon/calib/calib.h) of this camera, and its limit at a probability of 95 %, in pixels and
+ * in voxels of the rig's grid.  All 0: not known. */
 struct rec_uncertainty {
     double px, px_95, voxels, voxels_95;
 };
@@ -40,10 +40,10 @@ struct rec_camera {
  * far off axis that (2) is past its turning point (the lens model folds back there). */
 bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2]);
 
-/* The same, and the pixel lies in the picture. */
+/* The same, but also false when the pixel is outside the picture. */
 bool rec_camera_sees(const struct rec_camera *c, const double X[3], double uv[2]);
 
-/* The same as rec_camera_project with what lies between: (x,y) of (1) and J = d(u,v)/d(x,y), row major, px. */
+/* The same as rec_camera_project, with intermediate values: (x,y) of (1) and J = d(u,v)/d(x,y), row major, px. */
 struct rec_projection {
     double x, y, u, v, J[4];
 };
@@ -58,7 +58,8 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
 /* Camera centre -R^T t [m]. */
 void rec_camera_centre(const struct rec_camera *c, double x[3]);
 
-/* Pose of a camera at `at` m looking at `to`; z is up in the image, y where it looks straight up or down. */
+/* Pose of a camera at `at` [m] that looks at `to`.  World z is up in the image, or world y if it looks straight up or
+ * down. */
 void rec_camera_look(const double at[3], const double to[3], struct rec_camera *c);
 
 #ifdef __cplusplus

@@ -15,7 +15,7 @@ extern "C" {
 #endif
 
 enum rec_basis { REC_BOX, REC_TRILINEAR };
-/* Where nobody says: of sharp flames the steps of a box between voxels limit the error, not noise
+/* The default: with sharp flames the error is limited by the steps of the box basis between voxels, not by noise
  * (tests/bench/RESULTS.md). */
 #define REC_BASIS_DEFAULT REC_TRILINEAR
 

@@ -27,8 +27,8 @@ struct rec_mesh {
 /* ---- closed? ------------------------------------------------------------------------------------ */
 
 struct edge {
-    double end[2][3]; /* the lesser corner first */
-    int dir;          /* +1 as the triangle goes round, -1 against it */
+    double end[2][3]; /* the smaller corner first */
+    int dir;          /* +1: the triangle runs along the edge from the first end; -1: against it */
 };
 
 static int order_edges(const void *a, const void *b)
@@ -55,7 +55,7 @@ static struct edge edge_of(const double a[3], const double b[3])
     return e;
 }
 
-/* Every edge is gone along once each way, as often as it is used. */
+/* The surface is closed if every edge is used equally often in both directions. */
 static pvx_err mesh_closed(const double (*corner)[3][3], size_t n, struct pvx_diag *d)
 {
     struct edge *e = pvx_calloc(3 * n, sizeof *e);
@@ -99,7 +99,7 @@ static void mesh_swap(double (*t)[3][3], size_t i, size_t j)
     memcpy(t[j], keep, sizeof keep);
 }
 
-/* The lesser half of the middles along `axis` to the front: C. A. R. Hoare's FIND, 1961. */
+/* Moves the half of the triangles with the smaller middles along `axis` to the front: C. A. R. Hoare's FIND, 1961. */
 static void halve(double (*t)[3][3], size_t n, int axis)
 {
     size_t lo = 0, hi = n - 1, k = n / 2;
@@ -127,7 +127,7 @@ static void halve(double (*t)[3][3], size_t n, int axis)
     }
 }
 
-/* Depth is log2 of the triangles, 20. */
+/* The depth is log2 of the number of triangles, 20. */
 // NOLINTNEXTLINE(misc-no-recursion)
 static void mesh_grow(struct rec_mesh *m, size_t first, size_t n)
 {
@@ -205,13 +205,13 @@ void rec_mesh_free(struct rec_mesh **pm)
 
 /* ---- questions ---------------------------------------------------------------------------------- */
 
-/* Where the ray enters the node; INFINITY: not before `end`. */
+/* Distance at which the ray enters the node; INFINITY: not before `end`. */
 static double enters(const struct node *n, const double o[3], const double inv[3], double end)
 {
     double s0 = 0, s1 = end;
     for (int a = 0; a < 3; a++) {
         double u = (n->min[a] - o[a]) * inv[a], v = (n->max[a] - o[a]) * inv[a];
-        if (isnan(u) || isnan(v)) /* in the plane of a face, along it */
+        if (isnan(u) || isnan(v)) /* the ray runs in the plane of a face */
             continue;
         s0 = fmax(s0, fmin(u, v));
         s1 = fmin(s1, fmax(u, v));
@@ -219,7 +219,7 @@ static double enters(const struct node *n, const double o[3], const double inv[3
     return s0 <= s1 * (1 + 1e-12) + 1e-12 ? s0 : INFINITY;
 }
 
-/* A little beyond the edges, so that no ray slips through between two triangles. */
+/* A triangle reaches a little beyond its edges, so that no ray slips through between two triangles. */
 static double triangle_hit(const double t[3][3], const double o[3], const double d[3])
 {
     const double slack = 1e-9;
@@ -232,7 +232,7 @@ static double triangle_hit(const double t[3][3], const double o[3], const double
     double p[3] = {d[1] * f[2] - d[2] * f[1], d[2] * f[0] - d[0] * f[2], d[0] * f[1] - d[1] * f[0]};
     double q[3] = {s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2], s[0] * e[1] - s[1] * e[0]};
     double det = e[0] * p[0] + e[1] * p[1] + e[2] * p[2];
-    if (det == 0) /* seen edge on: its neighbours are hit */
+    if (det == 0) /* seen edge on: the ray hits its neighbours */
         return INFINITY;
     double u = (s[0] * p[0] + s[1] * p[1] + s[2] * p[2]) / det;
     double v = (d[0] * q[0] + d[1] * q[1] + d[2] * q[2]) / det;
@@ -260,7 +260,7 @@ double rec_mesh_hit(const struct rec_mesh *m, const double o[3], const double d[
     return first;
 }
 
-/* Solid angle of all triangles, over 4 pi: 1 inside (or -1, normals inwards), 0 outside. */
+/* The sum of the solid angles over 4 pi is 1 inside (or -1, with normals inwards) and 0 outside. */
 bool rec_mesh_inside(const struct rec_mesh *m, const double x[3])
 {
     double sum = 0;

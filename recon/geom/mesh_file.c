@@ -6,7 +6,7 @@
 
 #include "recon/geom/body.h"
 
-#define WORD_MAX 63 /* of a number; a double needs 24 */
+#define WORD_MAX 63 /* characters of a number; a double needs 24 */
 
 static bool blank(char c)
 {
@@ -41,7 +41,7 @@ bool rec_word_is(struct rec_word w, const char *text)
     return w.at != NULL && w.len == strlen(text) && strncasecmp(w.at, text, w.len) == 0;
 }
 
-/* In the C locale: nobody here calls setlocale(). */
+/* Numbers are in the C locale: the program never calls setlocale(). */
 bool rec_word_number(struct rec_word w, bool single, double *out)
 {
     char text[WORD_MAX + 1], *end;

@@ -1,4 +1,4 @@
-/* Mesh files, read whole: mesh_stl.c and mesh_ply.c say what is in them. */
+/* Reads mesh files as a whole; mesh_stl.c and mesh_ply.c decode them. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #include "recon/geom/body.h"
 #include "recon/geom/mesh_file.h"
 
-/* A million triangles as text; ten million do not get as far as memory. */
+/* Enough for a million triangles as text.  A file of ten million is refused before it is read. */
 #define FILE_MAX (300L << 20)
 
 static pvx_err of_this_size(const struct rec_mesh *m, double side, struct pvx_diag *d)
@@ -28,7 +28,7 @@ static pvx_err of_this_size(const struct rec_mesh *m, double side, struct pvx_di
         longest, side);
 }
 
-/* What makers of scans and of parts write. */
+/* Only the formats that programs for scans and for parts write. */
 static pvx_err readable(const char *path, struct pvx_diag *d)
 {
     struct stat st;

@@ -1,5 +1,5 @@
-/* PLY: a head of lines that says what elements follow and what each has, then these, as text or bytes.
- * G. Turk, The PLY Polygon File Format, 1994; the other names of types are of later programs. */
+/* PLY: a header of text lines that describes the elements and their properties, then the elements as text or binary.
+ * G. Turk, The PLY Polygon File Format, 1994.  The second type names come from later programs. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ static const struct {
                     {"float", "float32", 4}, {"double", "float64", 8}};
 
 struct property {
-    enum type type, count; /* count: of a list; N_TYPES: one value */
+    enum type type, count; /* count: type of a list's length; N_TYPES: no list */
     enum { OTHER, X, Y, Z, CORNERS } is;
 };
 
@@ -40,7 +40,7 @@ struct ply {
     size_t vertices;
 };
 
-struct fan { /* corners of a polygon as they come: 0 1 2, 0 2 3 */
+struct fan { /* triangles from corners in file order: 0 1 2, 0 2 3 */
     size_t n, first_triangle;
     const double *first, *last;
 };
@@ -186,7 +186,7 @@ static pvx_err read_value(struct ply *p, enum type t, double *out)
     return PVX_OK;
 }
 
-/* How many values a list has: each takes a byte at least. */
+/* Reads the length of a list.  A value takes at least one byte, so the rest of the file bounds it. */
 static pvx_err read_count(struct ply *p, enum type t, size_t *out)
 {
     double n;
@@ -211,7 +211,7 @@ static pvx_err add_corner(struct ply *p, struct fan *fan, double index)
     return PVX_OK;
 }
 
-static void normal(const double *t, double n[3]) /* of a triangle, twice its area */
+static void normal(const double *t, double n[3]) /* length: twice the area */
 {
     for (int a = 0; a < 3; a++) {
         int b = (a + 1) % 3, c = (a + 2) % 3;
@@ -219,7 +219,7 @@ static void normal(const double *t, double n[3]) /* of a triangle, twice its are
     }
 }
 
-/* A fan covers what its polygon covers where all its triangles face the same side. */
+/* A fan covers its polygon exactly if all its triangles face the same side. */
 static pvx_err check_fan(const struct ply *p, const struct fan *fan)
 {
     const struct rec_mesh_file *f = p->f;
@@ -259,7 +259,8 @@ static pvx_err read_property_of(struct ply *p, const struct property *q, double 
     return check_fan(p, &fan);
 }
 
-/* Before room is made for them: their values take a byte or, with what parts them, two of a text. */
+/* Checks before allocation that the file can hold the elements.  In binary a value takes at least a byte, in text two
+ * with its separator. */
 static pvx_err elements_fit(const struct ply *p, const struct element *e)
 {
     size_t left = (size_t)(p->f->end - p->f->at), each = 0;

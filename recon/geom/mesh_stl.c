@@ -1,4 +1,5 @@
-/* STL: 80 bytes, a count, and 50 bytes for each triangle; or words.  Marshall Burns, Automated Fabrication, 1993, 6.5. */
+/* STL: binary (80 bytes, a count, 50 bytes for each triangle) or text.  Marshall Burns, Automated Fabrication, 1993,
+ * 6.5. */
 #include <string.h>
 
 #include "recon/geom/mesh_file.h"
@@ -16,7 +17,7 @@ static pvx_err mesh_stl_corner(struct rec_mesh_file *f, double v[3])
     return PVX_OK;
 }
 
-/* The word `facet` has been read.  Its normal is not looked at: some write what is no number there. */
+/* The word `facet` has been read.  The normal is ignored: some programs write something else than numbers there. */
 static pvx_err facet(struct rec_mesh_file *f)
 {
     double v[3][3];
@@ -62,8 +63,8 @@ static pvx_err binary(struct rec_mesh_file *f, uint32_t n)
     return PVX_OK;
 }
 
-/* Some programs begin a binary file with "solid" too.  A text has no 0; a count of triangles that fit into a file read here
- * has one, for it is less than 2^24. */
+/* Some programs begin a binary file with "solid" too.  A zero byte in the head tells them apart: text has none.  In
+ * binary the count of triangles has one, because the count in a file of the allowed size is less than 2^24. */
 pvx_err rec_mesh_stl(struct rec_mesh_file *f)
 {
     size_t len = (size_t)(f->end - f->start);

@@ -76,7 +76,7 @@ static pvx_err read_volume(const struct reader *r, int root, struct rec_grid *g)
     PVX_TRY(rig_numbers(r, v, "volume", "max", 3, MAX_COORD, g->max));
     PVX_TRY(need(r, v, "volume", "voxels", &voxels));
     if (strcmp(pvx_yaml_text(r->y, voxels), "auto") == 0)
-        memset(g->n, 0, sizeof g->n); /* once the cameras are known */
+        memset(g->n, 0, sizeof g->n); /* set once the cameras are known */
     else if (pvx_yaml_kind(r->y, voxels) != PVX_YAML_SEQ)
         return pvx_yaml_fail(r->y, voxels, "volume.voxels", PVX_EFORMAT, r->d,
                              "should be a list of 3 whole numbers or auto");
@@ -516,7 +516,7 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
         hash_doubles(&h, c->R, 9);
         hash_doubles(&h, c->t, 3);
     }
-    for (size_t i = 0; i < r->bodies.n; i++) { /* none: the hash that the rig always had */
+    for (size_t i = 0; i < r->bodies.n; i++) { /* no bodies: the hash of old rigs stays */
         double b[8];
         hash_doubles(&h, b, rec_body_numbers(&r->bodies.body[i], b));
     }

@@ -7,7 +7,7 @@
  *                R: [9], t: [3], gain: [1 or 3 numbers, optional],
  *                photometry: {...} (optional; photometry.h),
  *                uncertainty: { px, px_95, voxels, voxels_95 } (optional; struct rec_uncertainty) }
- *   bodies:  (optional: opaque things in the flame or before it; body.h; metres)
+ *   bodies:  (optional: opaque bodies in the flame or in front of it; body.h; metres)
  *            - { name, box: { min: [3], max: [3] } }  or  { name, cylinder: { from: [3], to: [3], radius } }
  *            or { name, mesh: FILE.stl or .ply (relative to this file), scale: m per unit (1) }
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
@@ -44,7 +44,7 @@ PVX_MUST_CHECK pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_
 void rec_rig_fini(struct rec_rig *r);
 PVX_MUST_CHECK pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out);
 
-/* Whether a camera may be called that. */
+/* Whether `name` is allowed for a camera. */
 bool rec_rig_name_ok(const char *name);
 /* Index of the camera called `name`, or -1. */
 int rec_rig_find(const struct rec_rig *r, const char *name);
@@ -52,14 +52,14 @@ int rec_rig_find(const struct rec_rig *r, const char *name);
 PVX_MUST_CHECK pvx_err rec_rig_select(struct rec_rig *r, const char *comma_list,
                                       struct pvx_diag *d);
 
-/* The finest grid that the pictures hold, over the box of r->grid, in near cubes of side
+/* The finest grid that the pictures can determine, over the box of r->grid, in near cubes of side
  *     h = max( 0.7 (C / D)^(1/2), (L / 30 D)^(1/3) ),   D = sum of (f / z)^2 / binning^2          (1)
- * D: bins per square metre at the middle of the box, of the C cameras in front of which it lies.  First
- * limit: a voxel is not smaller than half a bin's diagonal.  Second: where a flame fills the box (L:
- * geometric mean of its sides) as an ellipsoid, a measured value has 20 unknowns at most:
- * 3/2 D h^3 / L >= 1/20.  Both were chosen by measurement (NUMERICS.md, 1).  n[3] is set, at most
- * REC_GRID_FINEST along the longest side, whose matrix a workstation can still hold; each is a number
- * that halves to 16..31 without a rest, so no coarser level has half a voxel too many.
+ * D: bins per square metre at the middle of the box, over the C cameras that have it in front of them.
+ * First limit: a voxel is not smaller than half a bin's diagonal.  Second limit: if a flame fills the box as
+ * an ellipsoid (L: geometric mean of the sides), there are at most 20 unknowns for each measured value:
+ * 3/2 D h^3 / L >= 1/20.  Both were chosen by measurement (NUMERICS.md, 1).  Sets n[3], at most
+ * REC_GRID_FINEST along the longest side: a workstation can still hold the matrix of such a grid.  Each number
+ * halves to 16..31 without remainder, so that no coarser level has a voxel that is half outside.
  * PVX_EINVAL: no camera has the middle of the box in front of it. */
 #define REC_GRID_FINEST 256
 PVX_MUST_CHECK pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, int32_t n[3]);
@@ -67,7 +67,7 @@ PVX_MUST_CHECK pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, 
 /* The standard simulated rig: `n` cameras on a ring of radius `radius` m about the z axis, aimed at
  * (0,0,0.5) from heights that alternate slightly, 360 degrees, volume [-0.5,0.5]^2 x [0,1] in boxes, image
  * w x h, focal length so that the volume fills about 3/4 of the shorter image side, mild
- * distortion (k1 about -0.05) so that nothing works by accident only without. */
+ * distortion (k1 about -0.05) so that no code works only because distortion is absent. */
 PVX_MUST_CHECK pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxels,
                                     struct rec_rig *out);
 

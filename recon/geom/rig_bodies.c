@@ -67,7 +67,7 @@ static pvx_err read_cylinder(const struct reader *r, int m, const char *path, st
     return PVX_OK;
 }
 
-/* The file from the root: a rig that is written elsewhere still finds it. */
+/* The absolute path of the file: a rig that is written elsewhere still finds it. */
 static pvx_err find_file(const struct reader *r, const char *file, char out[REC_BODY_FILE])
 {
     char path[PATH_MAX], full[PATH_MAX];

@@ -1,7 +1,7 @@
 /* spd.h - small dense systems: A x = b for symmetric positive definite A [n][n], by Cholesky.
  *
- * A's lower half becomes its factor, b the solution.  False where a pivot is less than 1e-12 of A's own diagonal or
- * something is not finite; both are lost then.
+ * The lower half of A becomes its factor, and b the solution.  False: a pivot is less than 1e-12 of A's own diagonal,
+ * or a value is not finite; A and b are then lost.
  * Threads: pure.  Cost: n^3 / 6. */
 #ifndef REC_SPD_H
 #define REC_SPD_H

@@ -4,20 +4,20 @@
 #include <math.h>
 #include <stdbool.h>
 
-/* One axis of a lattice of planes in the order in which the ray meets them: the coordinate in units
- * of the spacing, counted from the first plane, is A + B s with B >= 0, so plane m is crossed at
- * s = (m - A) c, c = 1/B.  Computed from m each time, never summed up; rounding is monotonic in m. */
+/* One axis of a lattice of planes, in the order in which the ray meets them.  The coordinate, in units of the spacing
+ * from the first plane, is A + B s with B >= 0, so plane m is crossed at s = (m - A) c, c = 1/B.  It is computed from
+ * m each time and never summed up; rounding is monotonic in m. */
 struct axis {
     double A, B, c;
     int32_t n; /* cells */
     int32_t m; /* plane that the ray meets next; it is in cell m-1 */
 };
 
-/* 24 KiB; crossings in [lo-1, hi] of each axis only, then a sentinel. */
+/* 24 KiB.  Per axis only the crossings in [lo-1, hi] are filled, then a sentinel. */
 struct walk {
     struct axis ax[3];
     double t[3][REC_GRID_MAX + 4];
-    double s0, s1, scale; /* part of the ray inside; metres per unit of s */
+    double s0, s1, scale; /* the part of the ray inside; metres per unit of s */
 };
 
 size_t rec_traverse_max(const struct rec_grid *g)
@@ -33,8 +33,8 @@ static double crossing(const struct axis *a, int32_t m)
     return (m - a->A) * a->c;
 }
 
-/* Cell of a coordinate that the ray keeps: a face belongs to its upper side, the last to its lower.
- * The planes are at first + m h; dividing alone may miss that by one rounding. */
+/* Cell of a coordinate that is constant along the ray.  A face belongs to the cell on its upper side, the last face
+ * to the one on its lower side.  The planes are at first + m h; the division alone may miss that by one rounding. */
 static int32_t fixed_cell(double x, double first, double h, int32_t n)
 {
     double q = floor((x - first) / h);
@@ -46,8 +46,8 @@ static int32_t fixed_cell(double x, double first, double h, int32_t n)
     return m;
 }
 
-/* Clip the first `length` metres of the half line against the lattice of `extra` more cells than the grid, half of them on either
- * side, and find the cell it starts in.  False: misses. */
+/* Clips the first `length` metres of the half line against a lattice with `extra` more cells than the grid, half of
+ * them on either side, and finds the cell where it starts.  False: misses. */
 static bool traverse_start(const struct rec_grid *g, int32_t extra, const double origin[3],
                            const double dir[3], double length, struct walk *w)
 {
@@ -73,7 +73,7 @@ static bool traverse_start(const struct rec_grid *g, int32_t extra, const double
         struct axis *x = &w->ax[a];
         double h = rec_grid_h(g, a), pad = 0.5 * extra * h;
         double first = g->min[a] - pad, last = g->max[a] + pad;
-        bool parallel = fabs(d[a]) < 1e-100; /* moves by less than a rounding over any grid */
+        bool parallel = fabs(d[a]) < 1e-100; /* moves by less than one rounding across any grid */
         x->n = g->n[a] + extra;
         x->m = 1;
         x->A = d[a] < 0 && !parallel ? (last - origin[a]) / h : (origin[a] - first) / h;
@@ -107,12 +107,12 @@ static bool traverse_start(const struct rec_grid *g, int32_t extra, const double
         int32_t end = v < m ? m : v > x->n ? x->n : (int32_t)v;
         for (; m <= end; m++)
             w->t[a][m] = crossing(x, m);
-        w->t[a][m] = INFINITY; /* after the last: never reached, as s1 comes first */
+        w->t[a][m] = INFINITY; /* sentinel, never reached because s1 comes first */
     }
     return true;
 }
 
-/* What the grid index changes by from one cell to the next along axis a of the ray. */
+/* Change of the grid index from one cell to the next along axis a of the ray. */
 static int32_t step_of(const struct rec_grid *g, const double dir[3], int a)
 {
     int32_t stride = a == 0 ? 1 : a == 1 ? g->n[0] : g->n[0] * g->n[1];
@@ -140,7 +140,7 @@ static size_t walk_box(const struct rec_grid *g, const double origin[3], const d
     const double s1 = w.s1;
     const double *tx = t[0], *ty = t[1], *tz = t[2];
     const int32_t dx = step[0], dy = step[1], dz = step[2];
-    /* No branch depends on which plane comes next: that is a coin toss the CPU cannot predict. */
+    /* No branch depends on which plane comes next, because the CPU could not predict it. */
     while (s < s1) {
         double a = *tx, b = *ty, c = *tz;
         double bc = b <= c ? b : c;
@@ -160,8 +160,8 @@ static size_t walk_box(const struct rec_grid *g, const double origin[3], const d
     return n;
 }
 
-/* The eight corners of the cell that the ray is in, with what they have gathered so far.  Bit a of
- * a corner's number: 0 = the side that the ray leaves behind along axis a, 1 = the side ahead. */
+/* The eight corners of the cell that the ray is in, with their sums so far.  Bit a of a corner's number: 0 = the side
+ * that the ray leaves behind along axis a, 1 = the side ahead. */
 struct corners {
     double sum[8];
     int32_t
@@ -180,7 +180,7 @@ static size_t traverse_emit(const struct corners *k, int corner, size_t n, int32
     for (int a = 0; a < 3; a++) {
         int side = corner >> a & 1, plane = k->plane[a] + side;
         if (plane < 1 || plane > k->n[a])
-            return n; /* the basis has no function there */
+            return n; /* no basis function there */
         at += side * k->step[a];
     }
     index[n] = at;
@@ -188,8 +188,8 @@ static size_t traverse_emit(const struct corners *k, int corner, size_t n, int32
     return n + 1;
 }
 
-/* Leave the cell through the plane ahead along axis a: the four corners behind are complete, since
- * the ray never turns back; the four ahead become those behind. */
+/* Leaves the cell through the plane ahead along axis a.  The four corners behind are complete, because the ray never
+ * turns back; the four ahead become those behind. */
 static size_t traverse_advance(struct corners *k, int a, size_t n, int32_t *index, float *value)
 {
     for (int c = 0; c < 8; c++)

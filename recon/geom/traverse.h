@@ -22,7 +22,7 @@ size_t rec_traverse_max(const struct rec_grid *g);
 size_t rec_traverse(const struct rec_grid *g, const double origin[3], const double dir[3],
                     int32_t *index, float *value);
 
-/* The same of its first `length` metres (>= 0, or infinite): where a surface ends the ray. */
+/* The same for the first `length` metres of the ray (>= 0, or infinite): for a ray that ends at a surface. */
 size_t rec_traverse_until(const struct rec_grid *g, const double origin[3], const double dir[3],
                           double length, int32_t *index, float *value);
 
