@@ -3,8 +3,8 @@
  *
  *   gather: out[i][:] = sum_e e.val * in[e.idx][:],  e in [ptr[i], ptr[i+1]),  i in [i0, i1)
  * in, out [..][cs]; cs = 1 (any alignment) or 4 (16-byte aligned).  No over-read.
- *   adjoint, scatter: both products with a matrix of windows (windows.h), whose sums are float where
- *   they are scattered, also in the reference. */
+ *   adjoint, scatter: both products with a matrix of windows (windows.h).  Scattered sums are float, also
+ *   in the reference. */
 #ifndef REC_KERNELS_H
 #define REC_KERNELS_H
 #include <stdint.h>
@@ -27,12 +27,12 @@ struct rec_kernels {
     rec_gather_fn gather1, gather4;
     rec_windows_adjoint_fn adjoint1, adjoint4;
     rec_windows_scatter_fn scatter1, scatter4;
-    enum pvx_cpu cpu; /* what other loops may use too */
+    enum pvx_cpu cpu; /* instruction set that other loops may use too */
 };
 
-/* Fill the table for pvx_cpu(), and no more than `most`. */
+/* Fill the table for pvx_cpu(), but for no better set than `most`. */
 void rec_kernels_init(struct rec_kernels *k, enum pvx_cpu most);
-/* What each file offers to that: a function that overwrites its slots. */
+/* One function of each file, which overwrites the slots that the file implements. */
 void rec_kernels_ref(struct rec_kernels *k);
 #if defined(__x86_64__)
 void rec_kernels_avx2(struct rec_kernels *k);
@@ -40,7 +40,7 @@ void rec_kernels_avx512(struct rec_kernels *k);
 void rec_windows_avx2(struct rec_kernels *k);
 void rec_windows_avx512(struct rec_kernels *k);
 void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
-                       const float *y, float *x); /* for those shapes where it is the fastest */
+                       const float *y, float *x); /* for the shapes where it is the fastest */
 #endif
 
 #endif

@@ -53,7 +53,7 @@ REC_INLINE rec_f4 rec_coef(const double a[4])
 {
     return (rec_f4){(float)a[0], (float)a[1], (float)a[2], (float)a[3]};
 }
-/* What there is one of for all lanes of an element, and for a channel. */
+/* Values given per element (the same for all its lanes); values given per channel. */
 REC_INLINE rec_f4 rec_of_each(const float *v, size_t i, size_t cs)
 {
     return cs == REC_QUAD ? rec_ld(v, i, cs) : rec_splat(v[i]);
@@ -106,7 +106,7 @@ REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
 #else
 REC_INLINE void rec_widen(rec_f4 a, rec_d2 *lo, rec_d2 *hi)
 {
-#ifdef __SSE2__ /* what the generic form should compile to, and does not */
+#ifdef __SSE2__ /* compilers do not turn the generic form into this */
     *lo = _mm_cvtps_pd(a);
     *hi = _mm_cvtps_pd(_mm_movehl_ps(a, a));
 #else
@@ -132,7 +132,7 @@ REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
 }
 #endif
 
-/* Sums of single elements, and of those that were added four at a time. */
+/* Total of `sum`, over single elements, and `quads`, over four elements at a time. */
 REC_INLINE void rec_put_both(double out[4], const rec_d4 *sum, const rec_d4 *quads)
 {
     double q[4];

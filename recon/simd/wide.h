@@ -1,9 +1,9 @@
-/* wide.h - as many floats as are added at once, REC_WIDE, for loops over a vector whatever its lanes are.
+/* wide.h - REC_WIDE floats at once, the width of the CPU's sums, for loops over a vector whatever its lanes are.
  *
- * As lanes.h, with REC_WIDE 8 where there is AVX2, else 4: two elements of four lanes (cs 4) or one, eight of
- * one (cs 1) or four.  Positions count floats, not elements; the last of a loop may be fewer, m: what is not
- * there is 0, and is not written.  Sums are those of every other four floats, so that they do not depend
- * on REC_WIDE.
+ * As lanes.h, with REC_WIDE 8 where there is AVX2, else 4: two elements or one of four lanes (cs 4), eight or four of
+ * one lane (cs 1).  Positions count floats, not elements.  The last step of a loop may have only m floats; the
+ * missing ones are read as 0 and are not written.  Two partial sums take alternate groups of four floats, so that
+ * they do not depend on REC_WIDE.
  * Private to the solvers. */
 #ifndef REC_WIDE_H
 #define REC_WIDE_H
@@ -48,7 +48,7 @@ REC_INLINE rec_f4 rec_four(rec_fw a, size_t h)
     return a;
 #endif
 }
-/* a, or a and b. */
+/* a and b as one vector; a alone where REC_WIDE is 4. */
 REC_INLINE rec_fw rec_pair(rec_f4 a, rec_f4 b)
 {
 #ifdef __AVX2__
@@ -67,7 +67,7 @@ REC_INLINE rec_fw rec_wide_lanes(const double a[4], size_t cs)
     rec_f4 four = cs == 4 ? rec_coef(a) : rec_splat((float)a[0]);
     return rec_pair(four, four);
 }
-/* What there is one of for all lanes of an element. */
+/* Values given per element: the same for all its lanes. */
 REC_INLINE rec_fw rec_wide_each(const float *v, size_t i, size_t m, size_t cs)
 {
     if (cs != 4)
@@ -100,14 +100,14 @@ REC_INLINE bool rec_wide_all(rec_iw mask)
 {
     return rec_all_of(mask, 0) && rec_all_of(mask, REC_WIDE / 4 - 1);
 }
-/* *sum += a b in double; h: which half they begin with, 0 where they are both. */
+/* *sum += a b in double.  h: the half of *sum to which the floats belong; 0 where REC_WIDE is 8. */
 REC_INLINE void rec_wide_add(struct rec_sum *sum, size_t h, rec_fw a, rec_fw b)
 {
     rec_add_product(&sum->half[h], rec_four(a, 0), rec_four(b, 0));
     if (REC_WIDE == 8)
         rec_add_product(&sum->half[1], rec_four(a, 1), rec_four(b, 1));
 }
-/* Of each lane; of one channel the sum of all is the first lane's. */
+/* The sum of each lane; with one channel, the sum of all in the first lane. */
 REC_INLINE void rec_put_sum(double out[4], const struct rec_sum *sum, size_t cs)
 {
     double u[4], v[4];

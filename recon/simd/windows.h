@@ -1,16 +1,16 @@
-/* windows.h - a sparse matrix as windows of pixels: what a voxel's column looks like in an image.
+/* windows.h - a sparse matrix as windows of pixels: a window is the part of a voxel's column in one image.
  *
  *     column q = sum over cameras c of  unit * w[q][c][r][k]  at row  at[q][c] + r*pitch[c] + k     (1)
  *     r in [0,high), k in [0,wide)
- * A voxel touches a few neighbouring bins of each camera: their numbers follow from the first, and what
- * is stored is that one and a byte for each.  What does not fit into a column's window of a camera is in
- * `more`: further windows, ascending by column.
- * Rows are the bins of all images, one after the other; a vector over them has room for `room` bins:
- * those from `nowhere` on are 0 always.  A window that is not there has its place at `nowhere`, one at
- * the border of a tiny image may hang over its end; the weights are 0 there.
- * Columns q and q+1 that have all windows at the same places are multiplied together where that is faster;
- * the matrix is built so that neighbours mostly do (matrix/windows.c).  The sums of a column and of a bin
- * are the same either way.
+ * A voxel touches a few neighbouring bins of each camera.  Their numbers follow from the first one, so only that
+ * number and a byte for each bin are stored.  Bins that do not fit into a column's window of a camera are in `more`:
+ * further windows, ascending by column.
+ * Rows are the bins of all images, one after the other.  A vector over them has room for `room` bins; those from
+ * `nowhere` on are always 0.  A window that does not exist has its place at `nowhere`.  One at the border of a tiny
+ * image may hang over its end; its weights are 0 there.
+ * Columns q and q+1 that have all windows at the same places are multiplied together where that is faster.  The
+ * matrix is built so that most neighbours do (matrix/windows.c).  The sums of a column and of a bin are the same
+ * either way.
  * Shapes: 2x2, 2x4, 3x4, 4x4 (rows x columns).  Slots are the cameras, rounded up to whole groups of 4. */
 #ifndef REC_WINDOWS_H
 #define REC_WINDOWS_H
@@ -24,7 +24,7 @@ extern "C" {
 #define REC_SLOT_GROUP  4
 #define REC_SLOTS_MAX   64
 #define REC_WINDOW_MAX  16 /* weights */
-#define REC_WINDOWS_PAD 16 /* bytes that may be read behind the last weight */
+#define REC_WINDOWS_PAD 16 /* bytes that may be read after the last weight */
 
 struct rec_more {
     uint32_t column, at;
@@ -34,7 +34,7 @@ struct rec_more {
 
 struct rec_windows {
     int32_t slots, high, wide;
-    int32_t pitch[REC_SLOTS_MAX]; /* of each slot: bins of a row of its camera's image */
+    int32_t pitch[REC_SLOTS_MAX]; /* of each slot: bins in a row of its camera's image */
     uint32_t nowhere, room;
     float unit;
     uint32_t *at;          /* [columns][slots] */
@@ -51,9 +51,9 @@ static inline size_t rec_window_size(const struct rec_windows *m)
 /* Products with the windows of columns [q0,q1) and slots [s0,s1), without `more`; x [columns][cs],
  * y [room][cs].
  *   adjoint: x[q] = unit * sum of w y        scatter: y += w x[q]
- * Unit comes to a sum, once, and not to x: small x would lose bits that the sum has.
- * cs 1, or 4 and then 16-byte aligned.  s0, s1 are multiples of REC_SLOT_GROUP where a fast loop
- * is wanted. */
+ * Unit multiplies a finished sum, once, and not x: small x would lose bits that the sum keeps.
+ * cs 1, or 4 and then 16-byte aligned.  A fast loop needs s0 and s1 to be multiples of
+ * REC_SLOT_GROUP. */
 struct rec_slots {
     int32_t s0, s1;
 };

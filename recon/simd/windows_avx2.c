@@ -120,7 +120,7 @@ INLINE void scatter4_rows(const struct rec_windows *m, struct rec_slots s, int32
     }
 }
 
-/* 2x2: the windows of two cameras have eight weights; of an odd one the other four are not used. */
+/* 2x2: the windows of two cameras fill a vector of eight weights.  For an odd last camera, four are unused. */
 INLINE void adjoint4_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *y, float *x)
 {

@@ -1,6 +1,6 @@
-/* windows_avx512.c - the product that gathers, windows with rows of four pixels and four channels, AVX-512: four
- * pixels are a vector, sixteen weights are widened at once.  All else is faster with AVX2's vectors: one channel and
- * 2x2 are as wide as they are, and what is stored crosses a cache line half as often. */
+/* windows_avx512.c - the product that gathers, for windows with rows of four pixels and four channels, AVX-512: four
+ * pixels are a vector, and sixteen weights are widened at once.  Everything else is faster with AVX2: one channel and
+ * 2x2 windows fit its vectors, and its stores cross a cache line half as often. */
 #include "recon/simd/kernels.h"
 #include "recon/simd/windows_shapes.h"
 

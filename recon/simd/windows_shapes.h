@@ -1,13 +1,13 @@
-/* windows_shapes.h - a product for any shape of window: that of 2x2, or that of rows of four with their
- * number as a constant.  Private to windows_*.c. */
+/* windows_shapes.h - a product for any shape of window: one function for 2x2, one for rows of four with the number of
+ * rows as a constant.  Private to windows_*.c. */
 #ifndef REC_WINDOWS_SHAPES_H
 #define REC_WINDOWS_SHAPES_H
 #include <stdbool.h>
 
 #include "recon/simd/windows.h"
 
-/* The windows of a column in some slots, column after column; of its own, as a compiler takes every store into y for
- * one that may change what `m` points to, and would read it all again. */
+/* The windows of one column in some slots, advanced column by column.  It is a copy: compilers assume that a store
+ * into y may change *m, and would read *m again after each. */
 struct walk {
     const uint32_t *at; /* [slots] */
     const uint8_t *w;   /* [slots][size] */
@@ -34,7 +34,7 @@ static inline __attribute__((always_inline)) void walk_on(struct walk *k)
     k->at += k->columns_at;
     k->w += k->columns_w;
 }
-/* Whether the next column, which there has to be, has all its windows where this one has them. */
+/* Whether the next column, which must exist, has all windows at the same places as this one. */
 static inline __attribute__((always_inline)) bool walk_two(const struct walk *k)
 {
     const uint32_t *next = k->at + k->columns_at;
@@ -49,7 +49,7 @@ static inline __attribute__((always_inline)) bool walk_two(const struct walk *k)
     return true;
 }
 
-/* name(m, s, q0, q1, in, out) from name_2x2 and name_rows. */
+/* Defines name(m, s, q0, q1, in, out) from name_2x2 and name_rows. */
 #define REC_BY_SHAPE(name)                                                                    \
     static void name(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1, \
                      const float *in, float *out)                                             \
