@@ -12,9 +12,9 @@
 enum { PRIOR_F, PRIOR_C, PRIOR_K, PRIOR_P, PRIOR_K3, PRIORS }; /* of a lens, two residuals each */
 enum { PRIOR_WARP, PRIOR_SHAPE, SHAPE_PRIORS };
 
-/* What one term is made of. */
+/* What one term consists of. */
 struct source {
-    const struct view *view; /* NULL: a prior */
+    const struct view *view; /* NULL: the term is a prior */
     size_t index;            /* of the corner; of the camera (nc: the board) */
     int prior;
 };
@@ -28,8 +28,8 @@ struct problem {
     bool robust;
 };
 
-/* Believed of any lens whose data say less: the middle within 5 % of the picture, f within 30 % of the
- * start, square pixels within 1 %, and distortions as lenses without a fish's eye have them. */
+/* Priors of any lens: the middle within 5 % of the picture, f within 30 % of the start, square pixels within 1 %,
+ * and distortions of a lens that is not a fisheye. */
 void rec_calib_beliefs(const struct calib *k, size_t camera, double sigma[REC_LENS])
 {
     const struct rec_calib_camera *c = &k->in->camera[camera];
@@ -232,7 +232,7 @@ static struct rec_nls as_nls(const struct problem *p, int max_iterations)
                             .ctx = p,
                             .loss = LOSS,
                             .tolerance =
-                                p->robust ? 1e-5 : 1e-9, /* more will follow a robust one */
+                                p->robust ? 1e-5 : 1e-9, /* a robust solve is followed by others */
                             .max_iterations = max_iterations};
 }
 

@@ -16,7 +16,7 @@
 static struct {
     pthread_once_t once;
     const struct rec_calib_lib *lib;
-    char why[PVX_DIAG_MAX]; /* it could not be loaded */
+    char why[PVX_DIAG_MAX]; /* why it could not be loaded */
 } module = {.once = PTHREAD_ONCE_INIT};
 
 static void calib_find_module(void)
@@ -85,7 +85,7 @@ static void report_boards(struct calib *k)
     k->out->chi2 = k->chi2 * scale;
 }
 
-/* From a state that is solved: sentences, world, uncertainty, folds. */
+/* Everything after the solve: findings, world, uncertainty, folds. */
 static pvx_err calib_finish(struct calib *k, double *cov, struct rec_rig *rig)
 {
     struct rec_uncertainty of[REC_MAX_CAMERAS];
@@ -95,7 +95,7 @@ static pvx_err calib_finish(struct calib *k, double *cov, struct rec_rig *rig)
     PVX_TRY(rec_calib_rig(k, rig));
     PVX_TRY(rec_calib_expect(k, rig, cov, of));
     for (size_t c = 0; c < k->nc; c++) {
-        if (rec_calib_stays(k, c)) /* nothing was learnt of it */
+        if (rec_calib_stays(k, c)) /* the data did not change it */
             of[c] =
                 k->in->options.old->cameras[rec_rig_find(k->in->options.old, k->in->camera[c].name)]
                     .uncertainty;

@@ -1,19 +1,19 @@
 /* calib.h - cameras from what they saw of a board, and how far to trust them.
  *
- * Everything is estimated at once: lenses K_c, poses (R_c, t_c), poses (Q_f, s_f) of the board in every
- * frame, and the board's shape, from corners u_cfi with covariance V_cfi:
+ * Everything is estimated at once: lenses K_c, poses (R_c, t_c), poses (Q_f, s_f) of the board in every frame, and
+ * the board's shape, from corners u_cfi with covariance V_cfi:
  *     min sum_cfi  rho( | V^-1/2 ( pi(K_c, R_c (Q_f b_i + s_f) + t_c) - u_cfi ) |^2 ) + priors         (1)
  *     b = (x, y, w(x,y) [+ thickness on the back]),  w = w1 (X^2 - 1/3) + w2 X Y + w3 (Y^2 - 1/3)       (2)
- * pi: camera.h (1)-(4) with k1 k2 p1 p2 k3; X, Y: -1..1 over the board, so that w holds no plane; rho:
- * Cauchy's loss while wrong corners are found, none for what is left.  Triggs, McLauchlan, Hartley,
- * Fitzgibbon: Bundle adjustment - a modern synthesis, 2000.  Priors say what is believed of any lens
- * (calib.c); what the data do not know better stays there, and the report says so.
+ * pi: camera.h (1)-(4) with k1 k2 p1 p2 k3.  X, Y: -1..1 over the board, so that w contains no plane.  rho: Cauchy's
+ * loss while wrong corners are searched; no loss for the corners that are left.  Triggs, McLauchlan, Hartley,
+ * Fitzgibbon: Bundle adjustment - a modern synthesis, 2000.  The priors describe any ordinary lens (adjust.c).  A
+ * number that the data do not determine better stays at its prior, and the report says so.
  *
- * Volume error: distance [px] between true and estimated projections of points all through the volume,
- * after the rigid motion of the world that makes it least.  Its expectation comes from the covariance of
- * (1), ceres::Covariance, times the chi^2 per degree of freedom.  It holds when the corners' errors are
- * independent and the sides of the squares are what the board's spec says: a print that was scaled
- * scales the rig, and nothing here can see it but rec_calib_options.measured.
+ * Volume error: distance [px] between true and estimated projections of points all through the volume, after the
+ * rigid motion of the world that minimises it.  Its expectation comes from the covariance of (1), ceres::Covariance,
+ * times the chi^2 per degree of freedom.  It holds when the corners' errors are independent and the squares have the
+ * sides that the board's spec gives.  A print that was scaled scales the rig; only rec_calib_options.measured can
+ * reveal it.
  *
  * Needs lib/pyrovox/pyrovox-calib.so (shim.h).  Deterministic: the same input gives the same bits.
  * Threads: pure.  Cost: 100 poses before 8 cameras about 1 s. */
@@ -27,19 +27,19 @@
 #include "recon/geom/rig.h"
 
 #define REC_CALIB_FOLDS 3
-#define REC_CALIB_SIDE  5 /* points of the volume along each side where the error is looked at */
-#define REC_CALIB_JOINT 5 /* common poses that two cameras should have */
+#define REC_CALIB_SIDE  5 /* points along each side of the volume at which the error is computed */
+#define REC_CALIB_JOINT 5 /* board poses that two cameras should both see */
 #define REC_NO_FRAME    UINT32_MAX
-/* What a volume error may be, NUMERICS.md [voxels]. */
+/* Upper bounds of a good and of a fair volume error [voxels], NUMERICS.md. */
 #define REC_CALIB_GOOD 0.10
 #define REC_CALIB_FAIR 0.15
 
-enum rec_calib_hold { REC_HOLD_LENS = 1, REC_HOLD_POSE = 2 }; /* as they are in the old rig */
+enum rec_calib_hold { REC_HOLD_LENS = 1, REC_HOLD_POSE = 2 }; /* what is kept as in the old rig */
 
 struct rec_calib_camera {
     char name[REC_NAME_MAX];
     int32_t width, height;
-    unsigned hold; /* of enum rec_calib_hold; the old rig has a camera of this name */
+    unsigned hold; /* bits of enum rec_calib_hold; needs a camera of this name in the old rig */
 };
 
 /* The distance of two camera centres, measured by another means. */
@@ -49,12 +49,12 @@ struct rec_calib_measured {
 };
 
 enum rec_calib_world {
-    REC_WORLD_BEST, /* as REC_WORLD_FLOOR, by the frame that most cameras saw; said in a warning */
+    REC_WORLD_BEST, /* as REC_WORLD_FLOOR with the frame that most cameras saw; a warning says so */
     REC_WORLD_FLOOR, /* the board lies flat at the bottom of the volume in `floor_frame`, the middle of its
                       * print above (0,0); x along its rows, z to the side from which it is seen */
     REC_WORLD_UP, /* z along `up`, given in the axes of camera `up_camera`; the middle of the volume where
                       * the optical axes meet; x to the right of that camera */
-    REC_WORLD_OLD /* the old rig's, by the cameras that both have and that did not move */
+    REC_WORLD_OLD /* the old rig's, by the cameras that both rigs have and that did not move */
 };
 
 struct rec_calib_options {
@@ -64,35 +64,35 @@ struct rec_calib_options {
     const struct rec_rig *old; /* NULL: none; borrowed */
     const struct rec_calib_measured *measured;
     size_t n_measured;
-    bool brief; /* no frames held out as a check: for who solves again soon */
+    bool brief; /* hold out no frames as a check: for a caller that solves again soon */
 };
 
 struct rec_calib_input {
     struct rec_board board;
-    struct rec_grid grid; /* n[] 0: the finest that the pictures hold (rec_rig_finest) */
+    struct rec_grid grid; /* n[] 0: the finest that the pictures support (rec_rig_finest) */
     size_t n_cameras, n_views;
     const struct rec_calib_camera *camera;
     const struct rec_board_view *view; /* in any order */
     struct rec_calib_options options;
 };
 
-/* What became of a view. */
+/* How a view was used, or why it was left out. */
 enum rec_view_fate {
     REC_VIEW_USED,
-    REC_VIEW_BROKEN, /* ids or coordinates that no board of this kind gives */
-    REC_VIEW_FEW,    /* fewer than 6 corners, or all on a line */
-    REC_VIEW_TWICE,  /* camera and frame were there already */
+    REC_VIEW_BROKEN, /* ids or coordinates that this board cannot have */
+    REC_VIEW_FEW,    /* fewer than 6 corners, or all on one line */
+    REC_VIEW_TWICE,  /* a second view of the same camera and frame */
     REC_VIEW_STILL,  /* nothing moved since frame `like` */
     REC_VIEW_SELF,   /* its corners do not fit a board, whatever the pose */
-    REC_VIEW_JOINT   /* does not fit what the other cameras saw of the same frame */
+    REC_VIEW_JOINT   /* does not fit the other cameras' views of the same frame */
 };
 
 struct rec_calib_view {
     enum rec_view_fate fate;
     uint32_t like;         /* REC_VIEW_STILL */
-    size_t corners, wrong; /* of them left out one by one */
-    double single, joint; /* px rms of what was not left out: camera alone, all together; 0: none */
-    float *residual;      /* [corners][2], px, seen - expected, after the joint fit; NULL: none */
+    size_t corners, wrong; /* corners of it that were left out one by one */
+    double single, joint;  /* px rms of the corners used: camera alone, all together; 0: none */
+    float *residual;       /* [corners][2], px, seen - expected, after the joint fit; NULL: none */
 };
 
 /* Numbers of a lens, in this order in `held` and `sigma`. */
@@ -112,11 +112,11 @@ enum rec_lens_number {
 struct rec_calib_of_camera {
     size_t views, used;
     double single, joint;   /* px rms over the views used */
-    double over;            /* joint over single, medians over all views: 1 where all is well */
-    double structure;       /* px: what repeats by the place in the picture, of the lens alone */
-    unsigned held;          /* bit i: number i of the lens is not known from the data */
-    double sigma[REC_LENS]; /* standard deviations, before anything was held */
-    double coverage;        /* share of a 8x6 grid over the picture that has corners */
+    double over;            /* joint / single, medians over all views; 1 is ideal */
+    double structure;       /* px: residual that repeats by place in the picture, camera alone */
+    unsigned held;          /* bit i: the data do not determine number i of the lens */
+    double sigma[REC_LENS]; /* standard deviations, before any number was held */
+    double coverage; /* share of the cells of an 8x6 grid over the picture that have corners */
     struct rec_uncertainty expected; /* in the volume; camera.h */
 };
 
@@ -132,7 +132,7 @@ enum rec_calib_what {
     REC_CALIB_VERDICT, /* the volume error against the tolerance */
     REC_CALIB_HELD,
     REC_CALIB_UNSEEN,    /* a camera without a usable view */
-    REC_CALIB_APART,     /* groups that nothing joins */
+    REC_CALIB_APART,     /* groups of cameras without a common view */
     REC_CALIB_WEAK_PAIR, /* a pair of the tree with fewer than REC_CALIB_JOINT poses */
     REC_CALIB_SYNC,
     REC_CALIB_MOVED,
@@ -144,7 +144,7 @@ enum rec_calib_what {
     REC_CALIB_HELD_OUT
 };
 
-/* One sentence, and a remedy where there is one.  REFUSED: the rig should not be believed. */
+/* One sentence, with a remedy if there is one.  REFUSED: do not trust the rig. */
 struct rec_calib_finding {
     enum rec_calib_severity severity;
     enum rec_calib_what what;
@@ -166,34 +166,34 @@ struct rec_calib_report {
     double chi2;               /* per degree of freedom, with the corners' own covariances */
     double px, voxels;         /* expected volume error, rms over cameras */
     double voxels_95;          /* of the worst camera */
-    /* The same at points of the volume, x fastest: rms over cameras that see it; NAN: none does. */
+    /* The same at points of the volume, x fastest: rms over the cameras that see the point; NAN: none sees it. */
     double at[REC_CALIB_SIDE * REC_CALIB_SIDE * REC_CALIB_SIDE];
     struct {
         double trained, held_out; /* px rms, per degree of freedom */
-        double volume;            /* px: volume error of this fold's rig against the whole one's */
+        double volume; /* px: volume error of this fold's rig against the rig of all frames */
     } fold[REC_CALIB_FOLDS];
     int iterations;
 };
 
-/* The whole way from views to a rig.  `rig` and `out` are valid for fini whatever is returned; `out` holds
- * what was found until then.
- * Errors: PVX_EINVAL: the input, or no rig can be had of it (a camera that saw nothing, groups that
- * nothing joins: `d` and findings say which); PVX_EUNSUP: the module cannot be loaded; PVX_ENOMEM. */
+/* From views to a rig.  `rig` and `out` are valid for fini whatever is returned; after an error `out` holds the
+ * results so far.
+ * Errors: PVX_EINVAL: the input is invalid, or gives no rig (a camera saw nothing, or groups of cameras have no
+ * common view: `d` and the findings name them); PVX_EUNSUP: the module cannot be loaded; PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_calib_solve(const struct rec_calib_input *in, struct rec_rig *rig,
                                        struct rec_calib_report *out, struct pvx_diag *d);
 void rec_calib_report_fini(struct rec_calib_report *r);
 
-/* A finding of this severity is there; of `what` (any: -1). */
+/* Whether there is a finding of this severity and of this `what` (-1: any). */
 bool rec_calib_says(const struct rec_calib_report *r, enum rec_calib_severity severity, int what);
 
 /* "good", "just enough", "not enough" or "does not see the volume", of one camera. */
 const char *rec_calib_verdict(const struct rec_uncertainty *u);
 
-/* Every camera's is "good". */
+/* The verdict of every camera is "good". */
 bool rec_calib_good(const struct rec_calib_report *r);
 
-/* px rms and largest distance between the projections of the volume's points by two rigs of the same
- * cameras, after the rigid motion of `b` that makes the rms least.  PVX_EINVAL: no point is seen. */
+/* px rms and largest distance between the projections of the volume's points by two rigs of the same cameras,
+ * after the rigid motion of `b` that minimises the rms.  PVX_EINVAL: no camera sees any of the points. */
 PVX_MUST_CHECK pvx_err rec_calib_distance(const struct rec_rig *a, const struct rec_rig *b,
                                           double *rms, double *worst);
 

@@ -1,7 +1,7 @@
-/* The covariance of lenses and poses carried to the volume.  An error d of all parameters moves the projection
- * of point p in camera c by  A_cp d_c - G_cp m,  m = (sum G^T G)^-1 sum G^T A d:  the rigid motion of the
- * world, derivative G, that makes the squares least takes its part out.  With z = (d_c, m), 15 + 6 numbers of
- * covariance Z, and b = (A, -G): E|e|^2 = tr(Z B), B = sum b^T b, and var = 2 tr((Z B)^2). */
+/* The covariance of lenses and poses propagated to the volume.  An error d of all parameters moves the projection
+ * of point p in camera c by  A_cp d_c - G_cp m,  m = (sum G^T G)^-1 sum G^T A d.  Here m is the rigid motion of
+ * the world, with derivative G, that minimises the squares; its part is removed.  With z = (d_c, m), 15 + 6
+ * numbers of covariance Z, and b = (A, -G): E|e|^2 = tr(Z B), B = sum b^T b, and var = 2 tr((Z B)^2). */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,8 +11,8 @@
 #include "recon/calib/pose.h"
 #include "recon/calib/priv.h"
 
-#define N1 (REC_LENS + 6) /* of a camera */
-#define N2 (N1 + 6)       /* and the motion */
+#define N1 (REC_LENS + 6) /* numbers of a camera */
+#define N2 (N1 + 6)       /* the same and the motion */
 #define PP REC_CALIB_POINTS
 
 static double voxel(const struct rec_grid *g)
@@ -20,7 +20,8 @@ static double voxel(const struct rec_grid *g)
     return cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
 }
 
-/* Rows b [2][N2] of point `at`, in the world, in camera c; voxels: 1 px there is so many.  False: outside the picture. */
+/* Rows b [2][N2] of the world point `at` in camera c; voxels: size of 1 px there, in voxels.  False: outside the
+ * picture. */
 static bool rows(const struct calib *k, const struct rec_grid *g, size_t c, const double at[3],
                  double b[2 * N2], double *voxels)
 {
@@ -107,8 +108,8 @@ static void joint_cov(const double *cov, const struct carry *w, size_t c, double
     }
 }
 
-/* rms and what it stays below in 95 of 100 cases, of a sum of squares with mean tr(ZB) / n and variance
- * 2 tr((ZB)^2) / n^2: a chi^2 of as many degrees of freedom, whose quantile is Wilson and Hilferty's. */
+/* rms and its 95 % quantile, of a sum of squares with mean tr(ZB) / n and variance 2 tr((ZB)^2) / n^2.  The sum is
+ * taken for a chi^2 with matching degrees of freedom; the quantile is Wilson and Hilferty's. */
 static void expect_spread(const double Z[N2][N2], const double B[N2][N2], double n, double *rms,
                           double *most)
 {
@@ -139,7 +140,7 @@ static double quadratic(const double Z[N2][N2], const double *b)
     return sum;
 }
 
-/* One camera: its expectation, and its part of the map through the volume. */
+/* One camera: its expected error, and its part of the error map of the volume. */
 static size_t of_camera(const struct calib *k, const struct rec_grid *g, size_t c,
                         const double Z[N2][N2], double *map, double *seen,
                         struct rec_uncertainty *u)

@@ -1,5 +1,6 @@
-/* Every third frame held out, three times: cameras from the others, then only the boards' poses of those held
- * out.  Whoever fits noise fits what it was not shown worse. */
+/* Cross-validation: every third frame is held out, three times.  The cameras come from the other frames, then only
+ * the poses of the board in the held-out frames are fitted.  A fit to noise is worse on frames that it did not
+ * use. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

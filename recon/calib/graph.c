@@ -1,5 +1,5 @@
-/* Cameras joined by the frames that two of them saw: a relative pose for every pair, the maximum spanning
- * tree of what the pairs are worth, and from it a first pose of everything. */
+/* Joins cameras by the frames that two of them saw: a relative pose for every pair, the maximum spanning tree with
+ * the pairs' weights, and from it a first pose of everything. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,10 +8,10 @@
 #include "recon/calib/pose.h"
 #include "recon/calib/priv.h"
 
-#define GUESSES 64  /* relative poses of one pair that are tried, and tried against */
-#define FAR     4.0 /* a pose further than this many least distances counts as wrong */
+#define GUESSES 64  /* relative poses of one pair that are tried, and that each is compared with */
+#define FAR     4.0 /* a pose further than this many median distances counts as wrong */
 
-/* A plane seen from afar has a second pose that fits nearly as well; it is kept in mind when it does. */
+/* A plane seen from afar has a second pose that may fit nearly as well; then both are used. */
 static int poses_of(const struct view *v)
 {
     return v->n_poses == 2 && v->fit[1] < 3 * v->fit[0] ? 2 : v->n_poses > 0;
@@ -26,7 +26,7 @@ static const struct view *graph_find(const struct calib *k, size_t frame, uint32
     return NULL;
 }
 
-/* The frame that is `later` after f by number; nf: none. */
+/* The frame whose number is that of f plus `later`; nf: none. */
 static size_t shifted(const struct calib *k, size_t f, int later)
 {
     const uint32_t *n = k->out->frame;
@@ -34,7 +34,7 @@ static size_t shifted(const struct calib *k, size_t f, int later)
     return later == 0 || (g < k->nf && (int64_t)n[g] - n[f] == later) ? g : k->nf;
 }
 
-/* Every pose of `guess` that a frame allows, up to four of a frame; frame[i] says which it is. */
+/* All possible relative poses, up to four per frame; frame[i]: the frame of pose[i]. */
 struct guesses {
     double pose[4 * GUESSES][6];
     size_t frame[4 * GUESSES], n, frames;
@@ -71,7 +71,7 @@ static void graph_gather(const struct calib *k, uint32_t a, uint32_t b, int late
         g->depth /= (double)g->frames;
 }
 
-/* Distances of a frame's nearest pose from `pose`, per frame. */
+/* For each frame the distance from `pose` to the frame's nearest pose. */
 static size_t graph_distances(const struct guesses *g, const double pose[6], double *d)
 {
     size_t n = 0;
@@ -108,7 +108,7 @@ size_t rec_calib_pair_pose(const struct calib *k, uint32_t a, uint32_t b, int la
 
 /* ---- the pairs and the tree ---------------------------------------------------------------------- */
 
-/* Worth of one view: many corners, large in the picture, tilted but not grazing. */
+/* Weight of one view: high with many corners, a large image, and a tilt that is not grazing. */
 static double worth(const struct view *v)
 {
     return (double)v->n * sqrt(v->area) * cos(v->tilt) * (0.3 + sin(v->tilt));
@@ -135,7 +135,8 @@ static bool stays(const struct calib *k, size_t c)
     return (k->in->camera[c].hold & REC_HOLD_POSE) != 0;
 }
 
-/* Cameras that keep their pose, and where the tree begins: one of them, or the camera worth most. */
+/* Sets the cameras that keep their pose, and the root of the tree: one of them, or the camera of the highest
+ * weight. */
 static void plant(struct calib *k)
 {
     double most = -1;
@@ -218,7 +219,7 @@ static pvx_err unseen(struct calib *k)
                             : "%s never saw the board: show it there, or leave the camera out",
                       k->in->camera[c].name);
         if (stays(k, c))
-            continue; /* it keeps what it had */
+            continue; /* keeps its pose of the old rig */
         e = PVX_EINVAL;
     }
     return e == PVX_OK ? e : pvx_fail(k->d, e, "%s", k->out->finding[0].text);
@@ -235,7 +236,7 @@ static size_t names(const struct calib *k, bool joined, char *out, size_t size)
     return n;
 }
 
-/* The pair to bridge: whose sightings are nearest in time, since the board went from one to the other. */
+/* The pair to bridge: the two cameras whose views are nearest in time, since the board went from one to the other. */
 static pvx_err graph_apart(struct calib *k)
 {
     uint32_t a = 0, b = 0;
@@ -262,7 +263,7 @@ static pvx_err graph_apart(struct calib *k)
 
 /* ---- boards --------------------------------------------------------------------------------------- */
 
-/* What the views of frame f make of the board at `pose`: squared px, no corner counts more than 10 px. */
+/* Cost of the board at `pose` in frame f: sum of squared px over its views; a corner counts at most 10 px. */
 static double cost(struct calib *k, size_t f, const double pose[6])
 {
     double sum = 0, to[6];

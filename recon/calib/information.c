@@ -10,7 +10,7 @@
 #include "recon/calib/priv.h"
 
 #define N1     REC_OF_CAMERA
-#define ENOUGH 16 /* corners of a view that are looked at; the others count as they do */
+#define ENOUGH 16 /* corners of a view that are evaluated; they stand for the others */
 
 /* ---- one frame ---- */
 
@@ -65,7 +65,7 @@ void rec_information_view(struct rec_information *w, const struct rec_board_view
     w->seen[w->n_seen++] = v->camera;
 }
 
-/* The frame's term of (1) into out [n][n], n = N1 * n_seen, in the order in which the cameras were given. */
+/* The frame's term of (1) into out [n][n], n = N1 * n_seen, in the order in which the cameras were added. */
 static void term(const struct rec_information *w, double *out)
 {
     size_t n = (size_t)N1 * w->n_seen;
@@ -92,7 +92,8 @@ static void term(const struct rec_information *w, double *out)
 
 /* ---- small linear algebra ---- */
 
-/* A [n][n] into its inverse, symmetric and positive definite, by Cholesky.  False: it is not. */
+/* Replaces A [n][n], symmetric and positive definite, by its inverse (Cholesky).  False: it is not positive
+ * definite. */
 static bool invert(double *A, size_t n)
 {
     for (size_t j = 0; j < n; j++) { /* A = L L^T, L below */
@@ -131,7 +132,7 @@ static bool invert(double *A, size_t n)
     return true;
 }
 
-/* tr(A^-1 B), [n][n] both, by elimination with pivots; both are used up.  NAN: A is singular. */
+/* tr(A^-1 B), [n][n] both, by elimination with pivots; both are overwritten.  NAN: A is singular. */
 static double trace_solve(double *A, double *B, size_t n)
 {
     double tr = 0;
@@ -157,7 +158,7 @@ static double trace_solve(double *A, double *B, size_t n)
                 B[i * n + k] -= f * B[j * n + k];
         }
     }
-    for (size_t i = n; i-- > 0;) /* upwards; of row i only columns up to i are wanted */
+    for (size_t i = n; i-- > 0;) /* upwards; of row i only columns up to i are needed */
         for (size_t k = 0; k <= i; k++) {
             double s = B[i * n + k];
             for (size_t j = i + 1; j < n; j++)
@@ -170,7 +171,7 @@ static double trace_solve(double *A, double *B, size_t n)
 
 /* ---- all that was seen ---- */
 
-/* One over the usual variance of a corner in camera c. */
+/* 1 / usual variance of a corner in camera c. */
 static double weight_of(const struct rec_calib_input *in, const struct rec_calib_report *r,
                         uint32_t c, double *room)
 {
@@ -294,7 +295,8 @@ static pvx_err error_form(struct rec_information *w, double *out)
     return PVX_OK;
 }
 
-/* The camera that holds the world: row and column of its pose as if known (value: of the diagonal). */
+/* Treats the pose of the camera that defines the world as known: its rows and columns are 0, the diagonal is
+ * `value`. */
 static void hold_world(const struct rec_information *w, uint32_t root, double value, double *A)
 {
     for (size_t i = root * N1 + REC_LENS; i < root * N1 + N1; i++) {

@@ -1,7 +1,7 @@
-/* information.h - what frames tell of cameras, and what one more would add: (1) and (2) of next.h.
+/* information.h - what frames tell about cameras, and what one more frame would add: (1) and (2) of next.h.
  *
- * Every camera has 15 numbers: lens, then pose (world -> camera).  The world is held by one camera's pose, whose
- * variance is 0; tr(L^-1 H) does not depend on which. */
+ * Every camera has 15 numbers: lens, then pose (world -> camera).  The pose of one camera defines the world, so
+ * its variance is 0.  tr(L^-1 H) does not depend on which camera that is. */
 #ifndef REC_CALIB_INFORMATION_H
 #define REC_CALIB_INFORMATION_H
 #include "recon/calib/calib.h"
@@ -15,10 +15,10 @@ struct rec_information {
     size_t N;                             /* REC_OF_CAMERA * nc */
     double error;                         /* tr(L^-1 H) */
     double (*lens)[REC_LENS], (*pose)[6]; /* [nc] */
-    double least_square;                  /* px; the caller's: what counts as seen */
+    double least_square;                  /* px: smallest visible square; the caller's */
     double *weight;                       /* [nc] 1/px^2, of a coordinate of a corner */
     double *C, *T;                        /* [N][N]: L^-1; C H C */
-    /* the frame that is put together */
+    /* the frame under construction */
     double board[12]; /* R, t: board -> world */
     uint32_t n_seen, seen[REC_MAX_CAMERAS];
     double (*U)[REC_OF_CAMERA * REC_OF_CAMERA], (*W)[REC_OF_CAMERA * 6]; /* [n_seen] */
@@ -26,18 +26,19 @@ struct rec_information {
     double *D, *M; /* work */
 };
 
-/* Owner: caller, fini, after an error too.  PVX_ENOENT: L has no inverse; PVX_EINVAL: of other
- * cameras; PVX_ENOMEM. */
+/* Owner: caller, fini, also after an error.  PVX_ENOENT: L has no inverse; PVX_EINVAL: rig or
+ * report of other cameras; PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_information_init(struct rec_information *w,
                                             const struct rec_calib_input *in,
                                             const struct rec_rig *rig,
                                             const struct rec_calib_report *r);
 void rec_information_fini(struct rec_information *w);
 
-/* A frame with the board at `board`, then each camera that sees it; of the corners only ids are looked at. */
+/* Begin a frame with the board at `board`, then add each camera that sees it.  Only the ids of the corners are
+ * used. */
 void rec_information_begin(struct rec_information *w, const double board[12]);
 void rec_information_view(struct rec_information *w, const struct rec_board_view *v);
-/* What that frame would take off `error`; 0 where that cannot be said. */
+/* By how much that frame would lower `error`; 0 if unknown. */
 double rec_information_gain(struct rec_information *w);
 
 #endif

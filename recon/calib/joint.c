@@ -1,5 +1,5 @@
-/* Everything together: what is wrong is found with a robust loss and left out, what is left is solved
- * without; lenses that the data do not know stay where they were believed to be. */
+/* All cameras and boards together: a robust loss finds the wrong corners, which are left out, and the rest is
+ * solved without it.  Lenses that the data do not determine stay at their prior. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,19 +7,19 @@
 #include "base/mem.h"
 #include "recon/calib/priv.h"
 
-#define APART 3.0  /* residuals together over those alone: above it cameras contradict each other */
-#define KNOWN 0.01 /* standard deviation of a focal length that a camera knows by itself */
-#define HELD  0.5  /* a number is held when the data leave more than this of what was believed */
+#define APART 3.0  /* residuals together / alone: above it cameras contradict each other */
+#define KNOWN 0.01 /* relative standard deviation of a focal length known from one camera */
+#define HELD  0.5  /* a number is held when its sigma is more than this share of the prior's */
 
 static bool used(const struct calib *k, const struct view *v)
 {
     return v->fate == REC_VIEW_USED && k->placed[v->frame];
 }
 
-/* Standard deviation of the residuals of every camera: what it is alone, times one factor for all, the largest
- * that a camera needs, from its median, which wrong corners do not move.  With a factor for each, where no
- * camera fits (they are out of step), the one that happens to fit best would draw the fit to itself more and
- * more.  A camera that needs over four times the middle one's factor has its own. */
+/* Standard deviation of the residuals of every camera: its value alone, times one factor for all cameras.  The
+ * factor is the largest that any camera needs, by its median, which wrong corners do not move.  With a factor of
+ * its own for each camera, when no camera fits (they are out of step), the one that happens to fit best would draw
+ * the fit to itself more and more.  A camera that needs over four times the median factor gets its own. */
 static void rescale(struct calib *k, double *room)
 {
     double now[REC_MAX_CAMERAS], over[REC_MAX_CAMERAS];
@@ -49,7 +49,7 @@ static void rescale(struct calib *k, double *room)
     memcpy(k->scale, now, k->nc * sizeof *now);
 }
 
-/* Wrong corners and pictures by the residuals as they are.  Returns how many changed. */
+/* Marks wrong corners and pictures by the present residuals.  Returns how many changed. */
 static size_t joint_judge(struct calib *k, bool pictures)
 {
     size_t changed = 0;
@@ -72,7 +72,7 @@ static size_t joint_judge(struct calib *k, bool pictures)
     return changed;
 }
 
-/* Frames of which no view is left are not placed any more; a camera may lose its last view. */
+/* Frames without a remaining view are no longer placed; a camera may lose its last view. */
 static pvx_err still_there(struct calib *k)
 {
     size_t n[REC_MAX_CAMERAS] = {0};
@@ -117,7 +117,7 @@ static void joint_weigh(struct calib *k)
     k->chi2 = n > free ? sum / (n - free) : 1;
 }
 
-/* Parameter `at` is fixed: the covariance of the others, given it. */
+/* Fixes parameter `at`: cov becomes the covariance of the others, given it. */
 static void joint_condition(double *cov, size_t N, size_t at)
 {
     double over = cov[at * N + at] > 0 ? 1 / cov[at * N + at] : 0;
@@ -129,8 +129,8 @@ static void joint_condition(double *cov, size_t N, size_t at)
         cov[i * N + at] = cov[at * N + i] = 0;
 }
 
-/* Numbers of the lens that the data leave nearly as uncertain as belief does: back to the belief, the last
- * term of the radial series first, since the others are known better without it. */
+/* Numbers of the lens that the data leave nearly as uncertain as the prior return to the prior.  The last term of
+ * the radial series comes first, since the others are better determined without it. */
 static bool joint_hold(struct calib *k, double *cov)
 {
     static const int order[REC_LENS] = {REC_K3, REC_K2, REC_K1, REC_P1, REC_P2,
@@ -155,7 +155,7 @@ static bool joint_hold(struct calib *k, double *cov)
             joint_condition(cov, N, at);
             any = true;
         }
-        for (int i = 0; i < REC_LENS; i++) { /* as they are now that others are held */
+        for (int i = 0; i < REC_LENS; i++) { /* now that others are held */
             size_t at = c * (REC_LENS + 6) + (size_t)i;
             if ((o->held >> i & 1) == 0)
                 o->sigma[i] = sqrt(fmax(0, cov[at * N + at]));
@@ -164,9 +164,9 @@ static bool joint_hold(struct calib *k, double *cov)
     return any;
 }
 
-/* (1) takes the errors of a view's corners for independent.  Where they are not - cameras out of step, a lens
- * of another model - a view tells less than so many corners would: the camera's scale grows by what shift,
- * growth and turn of whole views have too much. */
+/* (1) takes the errors of a view's corners to be independent.  If they are not (cameras out of step, a lens of
+ * another model), a view tells less than its number of corners suggests.  Then the camera's scale grows by the
+ * excess in shift, growth and turn of whole views. */
 static void joint_correlate(struct calib *k)
 {
     for (uint32_t c = 0; c < k->nc; c++) {
@@ -187,7 +187,7 @@ static void joint_correlate(struct calib *k)
     }
 }
 
-/* The middle camera's residuals together over alone. */
+/* Residuals together / alone, median over cameras. */
 static double joint_apart(const struct calib *k)
 {
     double over[REC_MAX_CAMERAS];
@@ -196,7 +196,8 @@ static double joint_apart(const struct calib *k)
     return pvx_median(over, k->nc);
 }
 
-/* Pictures of different instants: lenses would bend to hide it.  Those that a camera knows by itself stay so. */
+/* Pictures of different instants: a joint fit would distort the lenses to hide it.  So lenses that a camera
+ * determines by itself keep those values. */
 static void own_lenses(struct calib *k, const double *focal, const double (*lens)[REC_LENS])
 {
     size_t n = 0;
@@ -216,7 +217,7 @@ static void own_lenses(struct calib *k, const double *focal, const double (*lens
             joint_apart(k), n);
 }
 
-/* Nothing can be said of errors: why, if the residuals tell. */
+/* The errors cannot be estimated: return the reason if the residuals show one, else e. */
 static pvx_err rather(struct calib *k, pvx_err e)
 {
     PVX_TRY(rec_calib_suspect(k));
@@ -239,10 +240,10 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
     for (uint32_t c = 0; c < k->nc; c++)
         focal[c] = rec_calib_own_focal(k, c);
     rec_calib_measure_all(k);
-    for (size_t i = 0; i < k->ns; i++) /* behind a camera at the start: no step leads from there */
+    for (size_t i = 0; i < k->ns; i++) /* behind a camera at the start: no step can mend that */
         k->seen[i].wrong |= isinf(k->seen[i].far);
     if (room != NULL)
-        rescale(k, room); /* the start is coarse: everything is near at first */
+        rescale(k, room); /* the start is coarse: at first every corner counts as near */
     for (int round = 0; round < 6 && e == PVX_OK && changed > 0; round++) {
         a.robust = round < 2;
         e = rec_calib_adjust(k, &a);
@@ -254,7 +255,7 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
         if (e == PVX_OK)
             e = still_there(k);
         if (round == 0)
-            changed++; /* pictures are judged from the second on */
+            changed++; /* pictures are judged from the second round on */
     }
     free(room);
     a.robust = false;

@@ -7,14 +7,14 @@
  * NULL.  False: the point is not in front of the camera. */
 bool rec_model_project(const double lens[9], const double X[3], double uv[2], double *Jl,
                        double *JX);
-/* Pixel without lens: (x/z, y/z).  Fixed point of the distortion; false where that runs away. */
+/* Pixel without lens: (x/z, y/z).  By fixed-point iteration of the distortion; false where it diverges. */
 bool rec_model_ideal(const double lens[9], const double uv[2], double xy[2]);
 
 /* pose applied to X; J [3][6]: d out / d pose, R [9]: d out / d X; both or none may be NULL. */
 void rec_model_move(const double pose[6], const double X[3], double out[3], double *J, double *R);
 
-/* Both of the same: X in the world -> Z in camera axes -> pixel.  A [2][15]: d pixel / d (lens, pose); G [2][3]: d
- * pixel / d X, may be NULL. */
+/* rec_model_move, then rec_model_project: X in the world -> Z in camera axes -> pixel.  A [2][15]: d pixel / d
+ * (lens, pose); G [2][3]: d pixel / d X, may be NULL. */
 bool rec_model_see(const double lens[9], const double pose[6], const double X[3], double Z[3],
                    double uv[2], double *A, double *G);
 /* d pixel / d (turn, shift) of a point that moves by turn x Y + shift, B [2][6], from G. */

@@ -1,5 +1,5 @@
-/* A camera that was moved while the pictures were taken: its residuals step, and all is well once the pictures
- * after the step are not taken for its own. */
+/* Finds a camera that was moved while the pictures were taken: its residuals show a step, and the fit is good once
+ * the pictures after the step are not used as that camera's. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,8 +27,8 @@ static double moved_middle_of(const struct drift *d, size_t n, int j, double *ro
     return pvx_median(room, n);
 }
 
-/* The split of d[0..n) that leaves the least sum of distances from the medians of its sides.  Returns the step
- * between them [px]; 0: they differ by no more than their own spread. */
+/* Finds the split of d[0..n) with the least sum of distances from the medians of its two sides.  Returns the step
+ * between the medians [px]; 0: it is within their own spread. */
 static double moved_change(const struct drift *d, size_t n, size_t *at, double *room)
 {
     double least = INFINITY, step = 0;
@@ -53,8 +53,8 @@ static double moved_change(const struct drift *d, size_t n, size_t *at, double *
     return step;
 }
 
-/* The largest step of all cameras: its frame.  Which camera moved is another question, since the fit may have
- * laid the blame on one that sees the board from the other side. */
+/* The largest step of all cameras, and its frame.  It does not tell which camera moved: the fit may have given the
+ * error to a camera that sees the board from the other side. */
 static pvx_err largest_step(const struct calib *k, double *step, uint32_t *frame)
 {
     struct drift *d = pvx_calloc(k->nv, sizeof *d);
@@ -77,9 +77,9 @@ static pvx_err largest_step(const struct calib *k, double *step, uint32_t *frame
     return e;
 }
 
-/* Mean squared residuals, in what each camera has alone, of all views and of what is left of camera c, when c does
- * without the smaller part of its views, before `frame` or from it on (c = nc: all have all).  Wrong corners count
- * little.  The state is scratch. */
+/* Solves without the smaller part of camera c's views, either those before `frame` or those from it on (c = nc:
+ * with all views).  Gives the mean squared residuals, in units of each camera's residuals alone, of all views and
+ * of the remaining views of c.  Wrong corners count little.  The state is scratch. */
 static pvx_err trial(struct calib *k, uint32_t c, uint32_t frame, double *all, double *own)
 {
     double n[2] = {0}, sum[2] = {0};
@@ -117,7 +117,7 @@ static pvx_err trial(struct calib *k, uint32_t c, uint32_t frame, double *all, d
     return PVX_OK;
 }
 
-/* Which camera's views must go for the others to agree; -1: none is enough. */
+/* Finds the camera whose views must go for the others to agree; -1: no single camera. */
 static pvx_err who_moved(struct calib *k, uint32_t frame, int *who)
 {
     double *kept = k->state, scale[REC_MAX_CAMERAS], all, own, best = INFINITY;
@@ -133,13 +133,13 @@ static pvx_err who_moved(struct calib *k, uint32_t frame, int *who)
         memcpy(k->scale, k->alone, sizeof scale);
     }
     for (uint32_t i = 0; i <= k->nc && e == PVX_OK; i++) {
-        uint32_t c = i == 0 ? (uint32_t)k->nc : i - 1; /* all have all at first */
+        uint32_t c = i == 0 ? (uint32_t)k->nc : i - 1; /* first with all views */
         memcpy(copy, kept, k->n_state * sizeof *copy);
         rec_calib_use_state(k, copy);
         e = trial(k, c, frame, &all, &own);
         if (i == 0)
             best = 0.7 * all;
-        if (i > 0 && all < best && own < 4) { /* 2 is what two numbers of unit variance have */
+        if (i > 0 && all < best && own < 4) { /* 2: two numbers of unit variance */
             best = all;
             *who = (int)c;
         }

@@ -12,15 +12,15 @@
 
 #define DEGREE (M_PI / 180)
 #define TILT   (40 * DEGREE)
-#define SEEN   (65 * DEGREE) /* from the board's axis */
+#define SEEN   (65 * DEGREE) /* largest angle from the board's axis */
 #define SQUARE 8.0           /* px */
 #define LEAST  12            /* corners */
 #define PLACES 27
 #define TILTS  5
 
-/* A board that is held somewhere. */
+/* A board held in some pose. */
 struct pose {
-    uint32_t camera; /* that it faces */
+    uint32_t camera; /* that the board faces */
     int place, tilt; /* tilt: 0 straight, 1 left, 2 right, 3 up, 4 down */
     double at[3], face[3];
     double gain;
@@ -62,7 +62,8 @@ static void next_make(const struct rec_rig *rig, uint32_t camera, int place, int
         p->face[i] /= n;
 }
 
-/* Cosine between the board's axis and the way to the camera, negative behind it; px: a square's shorter way. */
+/* Cosine of the angle between the board's axis and the direction to the camera, negative behind the board; px:
+ * shorter extent of a square. */
 static double next_turned(const struct rec_board *b, const struct rec_camera *k, const double at[3],
                           const double face[3], double *px)
 {
@@ -100,7 +101,7 @@ static bool would_see(const struct rec_information *w, uint32_t c, const struct 
     return v->n >= (b->kind == REC_CHESSBOARD ? all : all < LEAST ? all : LEAST);
 }
 
-/* The smallest squares that were seen well: what was found once can be found again. */
+/* The smallest squares of a good view: squares that were found once can be found again. */
 static double least_square(const struct rec_information *w, const struct rec_calib_report *r)
 {
     double least = SQUARE, px;
@@ -167,7 +168,7 @@ static void next_say(const struct rec_rig *rig, const struct pose *p, char *out,
 
 /* ---- the choice ---- */
 
-/* p [PLACES] of one camera, straight: the place in the middle and the best two are tried tilted too. */
+/* p [PLACES] of one camera, straight: the middle place and the best two others are also tried tilted. */
 static void tilt(struct rec_information *w, const struct pose *p, struct rec_board_corner *corner,
                  struct pose *best)
 {

@@ -1,5 +1,5 @@
-/* What a camera knows of its lens by itself: the information of its own views, each with a pose of its own, that
- * pose eliminated (Schur complement).  What other cameras saw, and when, has no part in it. */
+/* What a camera's own views alone tell about its lens: their information, each view with a board pose of its own,
+ * that pose eliminated (Schur complement).  Views of other cameras, and their times, have no influence. */
 #include <math.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ struct information {
     double lens[L][L], cross[L][6], pose[36];
 };
 
-/* A row of derivatives by lens and pose. */
+/* A row of derivatives with respect to lens and pose. */
 static void own_add(struct information *s, const double *row)
 {
     for (int i = 0; i < L; i++) {

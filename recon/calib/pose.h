@@ -14,11 +14,11 @@ void rec_pose_apply(const double a[6], const double X[3], double out[3]);
 /* |t_a - t_b| + reach * angle between them [m]. */
 double rec_pose_distance(const double a[6], const double b[6], double reach);
 
-/* out = A B of 3x3 matrices, row major; out is neither. */
+/* out = A B of 3x3 matrices, row major; out must be neither A nor B. */
 void rec_mat3(const double A[9], const double B[9], double out[9]);
 
-/* The rigid motion that takes points a [n][3] to b [n][3] with the least sum of weight[i] |.|^2: Horn,
- * JOSA A 4:629, 1987.  scale: b's size over a's, for who wants to know; may be NULL. */
+/* The rigid motion that takes points a [n][3] to b [n][3] with the least sum of weight[i] |.|^2: Horn, JOSA A
+ * 4:629, 1987.  scale: size of b over size of a; may be NULL. */
 void rec_pose_align(const double (*a)[3], const double (*b)[3], const double *weight, int n,
                     double out[6], double *scale);
 

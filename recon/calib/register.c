@@ -1,6 +1,6 @@
-/* Two rigs of the same cameras laid over each other by what they see of the volume: the rigid motion that
- * makes the distances between projections of its points least.  In pixels, since a camera's turn and its
- * middle, or its centre and its axis, may trade places without any pixel noticing. */
+/* Registers two rigs of the same cameras by their views of the volume: the rigid motion that minimises the
+ * distances between projections of its points.  In pixels, because a camera's turn and principal point, or its
+ * centre and axis, can trade against each other without a visible change in any pixel. */
 #include <math.h>
 #include <string.h>
 
@@ -15,7 +15,7 @@ void rec_calib_volume_point(const struct rec_grid *g, int i, double X[3])
         X[a] = g->min[a] + (at[a] + 0.5) / REC_CALIB_SIDE * (g->max[a] - g->min[a]);
 }
 
-/* Inverse of a symmetric 6x6 matrix by Gauss-Jordan; directions that nothing fixes are left out. */
+/* Inverse of a symmetric 6x6 matrix by Gauss-Jordan; undetermined directions are left out. */
 void rec_calib_invert6(double A[36])
 {
     double V[36] = {0}, most = 0;

@@ -1,4 +1,4 @@
-/* Residuals as they are: what the other files judge by. */
+/* Residuals of the present state; the other files judge by them. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -122,8 +122,8 @@ static void residual_cells(const struct calib *k, const struct view *v, double (
             mean[i][a] /= n[i];
 }
 
-/* A view is one sample of a cell, since its corners may err together: |mean|^2 over the views is what repeats
- * plus the variance over their number. */
+/* A view is one sample of a cell, since its corners may err together.  |mean|^2 over the views is the repeating
+ * part plus the variance divided by their number. */
 double rec_calib_structure(const struct calib *k, uint32_t c, double *coverage)
 {
     double sum[NX * NY][2] = {{0}}, square[NX * NY] = {0}, views[NX * NY] = {0}, mean[NX * NY][2];

@@ -1,4 +1,4 @@
-/* rig.c - what has been estimated so far as a rig. */
+/* rig.c - the estimate so far, as a rig. */
 #include <stdio.h>
 #include <string.h>
 
@@ -19,14 +19,14 @@ pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig)
     if (rig->cameras == NULL)
         return PVX_ENOMEM;
     rig->n_cameras = k->nc;
-    if (k->in->options.world == REC_WORLD_OLD) /* elsewhere bodies are nowhere */
+    if (k->in->options.world == REC_WORLD_OLD) /* else bodies have no place */
         PVX_TRY(rec_bodies_copy(&k->in->options.old->bodies, &rig->bodies));
     for (size_t c = 0; c < k->nc; c++) {
         struct rec_camera *to = &rig->cameras[c];
         const struct rec_calib_camera *m = &k->in->camera[c];
         const struct rec_rig *old = k->in->options.old;
         int was = old != NULL ? rec_rig_find(old, m->name) : -1;
-        if (was >= 0) /* what is not geometry stays */
+        if (was >= 0) /* keep all that is not geometry */
             *to = old->cameras[was];
         else
             to->gain[0] = to->gain[1] = to->gain[2] = 1;
@@ -48,6 +48,6 @@ pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig)
     }
     if (rig->grid.n[0] == 0 && rec_rig_finest(rig, 1, rig->grid.n) != PVX_OK)
         for (int a = 0; a < 3; a++)
-            rig->grid.n[a] = 64; /* nothing sees its middle: the verdict says so */
+            rig->grid.n[a] = 64; /* no camera sees its middle; the verdict says so */
     return PVX_OK;
 }

@@ -1,4 +1,4 @@
-/* What the figures mean, in sentences. */
+/* The findings: what the figures mean, in sentences. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -18,7 +18,7 @@ void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_c
     va_end(args);
     more = realloc(r->finding, (r->n_findings + 1) * sizeof *more);
     if (more == NULL)
-        return; /* one sentence less; what made it is in the figures */
+        return; /* no room for this sentence; the figures still show its cause */
     r->finding = more;
     size_t at = r->n_findings++;
     for (; at > 0 && more[at - 1].severity < severity; at--)
@@ -98,7 +98,7 @@ static void say_pictures(struct calib *k)
             list);
 }
 
-/* Of right corners 4 in 10^5 are taken for wrong: one in a hundred comes from elsewhere. */
+/* 4 of 10^5 right corners are taken for wrong, so one in a hundred has another cause. */
 static void say_wrong(struct calib *k)
 {
     size_t wrong = 0, all = 0;
@@ -142,9 +142,9 @@ bool rec_calib_good(const struct rec_calib_report *r)
     return good;
 }
 
-/* Cameras that contradict each other (pictures of other instants, frames numbered wrongly, an old rig that is not
- * so): each view errs as a whole, n views leave 1 / sqrt(n) of that at best, and where this is a voxel of the volume
- * nothing can be reconstructed. */
+/* Cameras that contradict each other (pictures of different instants, wrong frame numbers, an old rig that no
+ * longer holds).  Each view errs as a whole, and n views reduce that to 1 / sqrt(n) at best.  If the rest is a
+ * voxel of the volume, nothing can be reconstructed. */
 static void say_contradiction(struct calib *k)
 {
     const struct rec_calib_report *r = k->out;

@@ -25,7 +25,7 @@ int fail(int e, char *err, size_t err_size, const char *text)
     return e;
 }
 
-/* Run f() and turn whatever it throws into an error. */
+/* Run f() and turn any exception into an error. */
 template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
 {
     try {
@@ -41,7 +41,7 @@ template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
     }
 }
 
-/* One term, asked for through the C function of the problem. */
+/* One term, evaluated by the C function of the problem. */
 class Term : public ceres::CostFunction
 {
   public:
@@ -105,7 +105,7 @@ int solve(const rec_nls *p, rec_nls_report *out, char *err, size_t err_size) noe
         o.num_threads = 1;
         o.max_num_iterations = p->max_iterations;
         o.function_tolerance = p->tolerance;
-        o.initial_trust_region_radius = 1e8; /* starts are near: nearly Gauss-Newton */
+        o.initial_trust_region_radius = 1e8; /* the start is near: nearly Gauss-Newton */
         o.parameter_tolerance = 1e-10;
         o.gradient_tolerance = 1e-12;
         o.logging_type = ceres::SILENT;
@@ -190,6 +190,6 @@ const rec_calib_lib lib = {REC_CALIB_VERSION, solve, covariance, homography, pla
 const rec_calib_lib *rec_calib_module(void) noexcept
 {
     FLAGS_minloglevel = google::GLOG_FATAL; /* errors are returned, not printed */
-    FLAGS_logtostderr = true;               /* and no files are written */
+    FLAGS_logtostderr = true;               /* and no log files are written */
     return &lib;
 }

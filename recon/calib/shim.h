@@ -1,10 +1,10 @@
-/* shim.h - what the calibration module (lib/pyrovox/pyrovox-calib.so) offers, as plain C: nonlinear least squares
+/* shim.h - the functions of the calibration module (lib/pyrovox/pyrovox-calib.so) in plain C: nonlinear least squares
  * by Ceres, and from OpenCV the homography and the two poses of a plane.
  *
- * The module is C++ and is loaded with dlopen by module.c on first use; it exports one function,
- * rec_calib_module.  Nothing throws across this border: every entry returns a pvx_err value as int and
- * puts a line into `err` when that is not 0.  It keeps nothing between calls and starts no thread, so the
- * same input gives the same bits. */
+ * The module is C++ and is loaded with dlopen by module.c on first use; it exports one function, rec_calib_module.
+ * No exception crosses this border: every entry returns a pvx_err value as int and puts a line into `err` when
+ * that is not 0.  The module keeps nothing between calls and starts no thread, so the same input gives the same
+ * bits. */
 #ifndef REC_CALIB_SHIM_H
 #define REC_CALIB_SHIM_H
 #include <stdbool.h>
@@ -21,7 +21,7 @@ extern "C" {
 #define REC_CALIB_VERSION 1
 #define REC_NLS_BLOCKS    4 /* blocks that one term may depend on */
 
-/* Numbers that are moved together: a pose, a lens. */
+/* Numbers that belong together: a pose, a lens. */
 struct rec_nls_block {
     double *x;
     int32_t n;
@@ -40,12 +40,12 @@ struct rec_nls {
     size_t n_blocks, n_terms;
     const struct rec_nls_block *block;
     const struct rec_nls_term *term;
-    /* Residuals r [2] of term i at x; J[k], where J and J[k] are not NULL, is [2][n of block k], row
-     * major.  False: not defined there, the step is shortened.  Called from one thread. */
+    /* Residuals r [2] of term i at x; J[k], where J and J[k] are not NULL, is [2][n of block k], row major.
+     * False: not defined at x; the step is then shortened.  Called from one thread. */
     bool (*residual)(const void *ctx, size_t i, const double *const *x, double *r, double **J);
     const void *ctx;
     double loss;      /* scale of Cauchy's loss, in units of the residuals */
-    double tolerance; /* of the sum of squares: the end when a step changes less of it */
+    double tolerance; /* stop when a step changes a smaller share of the sum of squares */
     int max_iterations;
 };
 
@@ -60,12 +60,12 @@ struct rec_calib_lib {
     /* Levenberg-Marquardt, steps by DENSE_SCHUR (Ceres).  Moves x of the blocks. */
     int (*solve)(const struct rec_nls *p, struct rec_nls_report *out, char *err,
                  size_t err_size) REC_CALIB_NOEXCEPT;
-    /* (J^T J)^-1 of the listed blocks, side by side in this order: cov [N][N], N the sum of their n; rows
-     * of what is held are 0 (ceres::Covariance).  PVX_EINVAL: J^T J is singular. */
+    /* (J^T J)^-1 of the listed blocks, side by side in this order: cov [N][N], N the sum of their n; rows of held
+     * numbers are 0 (ceres::Covariance).  PVX_EINVAL: J^T J is singular. */
     int (*covariance)(const struct rec_nls *p, const uint32_t *list, size_t n, double *cov,
                       char *err, size_t err_size) REC_CALIB_NOEXCEPT;
-    /* plane [n][2] -> pixels [n][2] by H [9], row major, H[8] = 1, with a tenth of wrong points allowed
-     * for (RANSAC, `reach` px).  PVX_EINVAL: none. */
+    /* plane [n][2] -> pixels [n][2] by H [9], row major, H[8] = 1, tolerating a tenth of wrong points (RANSAC,
+     * `reach` px).  PVX_EINVAL: there is none. */
     int (*homography)(const double *plane, const double *pixels, size_t n, double reach, double *H,
                       char *err, size_t err_size) REC_CALIB_NOEXCEPT;
     /* Poses of a plane z = 0 seen in ideal coordinates (x/z, y/z) [n][2]: up to two (IPPE; Collins and

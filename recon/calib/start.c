@@ -1,5 +1,5 @@
-/* Each camera alone: focal length from homographies (Zhang, IEEE TPAMI 22:1330, 2000, with the middle
- * believed), both poses of the plane in every view, and a bundle adjustment of its own. */
+/* Each camera alone: focal length from homographies (Zhang, IEEE TPAMI 22:1330, 2000, with the principal point at
+ * its prior), both poses of the plane in every view, and a bundle adjustment of its own. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 #include "recon/calib/pose.h"
 #include "recon/calib/priv.h"
 
-/* Points of a view for the module: the back is looked at from behind, so y is turned round. */
+/* Points of a view for the module.  The back is seen from behind, so the sign of y changes. */
 struct flat {
     double *plane, *pixels; /* [n][2] */
     size_t n;
@@ -33,7 +33,7 @@ static void flatten(const struct calib *k, const struct view *v, bool ideal, str
     }
 }
 
-/* Both poses of a view by the lens as it is. */
+/* Both poses of a view with the present lens. */
 static pvx_err plane_poses(struct calib *k, struct view *v, struct flat *f)
 {
     char err[PVX_DIAG_MAX] = "";
@@ -75,7 +75,7 @@ static pvx_err plane_poses(struct calib *k, struct view *v, struct flat *f)
     return PVX_OK;
 }
 
-/* What a homography H of pixels from the middle, in units of `side`, says of q = (f / side)^2.  Its first two
+/* Estimates q = (f / side)^2 from a homography H to pixels relative to the middle, in units of `side`.  Its first two
  * columns are at right angles and equally long once their upper two numbers are divided by f:
  *     H0 H1 + H3 H4 = -q H6 H7,   H0^2 + H3^2 - H1^2 - H4^2 = -q (H6^2 - H7^2),   in short B = q A.
  * Returns the weight A^2 of this view; 0 where the board is not tilted. */
@@ -91,7 +91,7 @@ static double focal_of(const double H[9], double *q)
     return aa;
 }
 
-/* Corners that the homography does not reach are wrong; false: too many are. */
+/* Marks corners further than `reach` from the homography as wrong; false: too many are. */
 static bool start_fits(struct calib *k, const struct view *v, const struct flat *f,
                        const double H[9], double reach)
 {
@@ -116,8 +116,8 @@ static int by_q(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The focal length [px]: weighted median over the views of what each says; 1.2 times the longer side where
- * none says anything.  Views without a homography are taken out. */
+/* The focal length [px]: weighted median of the views' estimates, or 1.2 times the longer side if there is none.
+ * Views without a homography are left out. */
 static pvx_err focal(struct calib *k, uint32_t c, struct flat *flat, struct vote *vote, double *f)
 {
     const struct rec_calib_camera *m = &k->in->camera[c];
@@ -181,7 +181,7 @@ static void start_lens(struct calib *k, uint32_t c, double f)
     memcpy(k->believed[c], l, sizeof k->believed[c]);
 }
 
-/* Corners beyond the camera's own spread are wrong; views that are mostly wrong are left out.  True when
+/* Marks corners beyond the camera's own spread as wrong, and leaves out views with many wrong corners.  True when
  * anything changed. */
 static bool start_judge(struct calib *k, uint32_t c, double *room)
 {
@@ -219,7 +219,7 @@ static bool start_judge(struct calib *k, uint32_t c, double *room)
     return changed;
 }
 
-/* The poses to start from: those of the plane, or what the last round made of them where that is better. */
+/* The poses to start from: those of the plane, or the result of the last round where that is better. */
 static pvx_err choose_poses(struct calib *k, uint32_t c, struct flat *flat, bool first,
                             size_t *views)
 {
@@ -246,7 +246,7 @@ static pvx_err choose_poses(struct calib *k, uint32_t c, struct flat *flat, bool
     return PVX_OK;
 }
 
-/* What was adjusted becomes the first pose of a view; the other of the plane's two stands beside it. */
+/* The adjusted pose becomes the first pose of a view; the other of the plane's two poses becomes the second. */
 static void keep_poses(struct calib *k, uint32_t c)
 {
     for (size_t i = 0; i < k->nv; i++) {
@@ -287,7 +287,7 @@ static pvx_err start_alone(struct calib *k, uint32_t c, struct flat *flat, doubl
         const struct adjust a = {
             .camera = only, .robust = true, .pose_fixed = true, .max_iterations = 50};
         PVX_TRY(rec_calib_adjust(k, &a));
-        changed = start_judge(k, c, room) || round == 0; /* the scale is known from the second on */
+        changed = start_judge(k, c, room) || round == 0; /* the scale is known from round 1 on */
     }
     keep_poses(k, c);
     return PVX_OK;

@@ -1,5 +1,5 @@
-/* What the residuals say went wrong while the pictures were taken: cameras that did not expose together, one
- * that was moved halfway, a lens that the model does not fit. */
+/* Faults during the recording that the residuals show: cameras that did not expose together, a camera that was
+ * moved halfway, a lens that the model does not fit. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,10 +7,10 @@
 #include "base/mem.h"
 #include "recon/calib/priv.h"
 
-#define OVER 3.0 /* joint over single residuals: above it the pictures do not belong together */
+#define OVER 3.0 /* joint / single residuals: above it the pictures are not of the same instants */
 #define WHOLE \
-    0.25 /* of the spread is left by a shift of one frame: of a board that moves evenly this is a camera that is off
-          * by 0.8 frames or more, which no free-running one is for long */
+    0.25 /* of the spread is left after a shift of one frame.  With an evenly moving board the camera is then off
+          * by 0.8 frames or more, which a free-running camera is not for long */
 #define STRUCTURE 0.25 /* px that repeat by place: above it the lens is not of this model */
 
 static double over_of(const struct calib *k, uint32_t c, double *room)
@@ -25,8 +25,8 @@ static double over_of(const struct calib *k, uint32_t c, double *room)
     return n > 0 && single > 0 ? pvx_median(room, n) / single : 0;
 }
 
-/* How much smaller the spread of the poses between c and the others becomes when c's pictures are taken for
- * those of the frame before (-1) or after. */
+/* Spread of the poses between c and the others when c's picture of frame f + by counts as one of frame f, relative
+ * to the spread without that shift. */
 static double shifted_spread(const struct calib *k, uint32_t c, int by)
 {
     double ratio[REC_MAX_CAMERAS], pose[6], now, then;
@@ -38,7 +38,7 @@ static double shifted_spread(const struct calib *k, uint32_t c, int by)
     return n > 0 ? pvx_median(ratio, n) : INFINITY;
 }
 
-/* The camera with the largest joint residuals over single ones; n: how many have far too large ones. */
+/* The camera with the largest ratio of joint to single residuals; n: cameras whose ratio is above OVER. */
 static uint32_t worst_of(const struct calib *k, uint32_t *n)
 {
     uint32_t worst = 0;
@@ -51,8 +51,8 @@ static uint32_t worst_of(const struct calib *k, uint32_t *n)
     return worst;
 }
 
-/* The camera whose pictures fit the others better as those of the frame before or after; all are tried, since the
- * one with the largest residuals need not be it. */
+/* Finds the camera whose pictures fit the others better when they count as those of the frame before or after.
+ * All cameras are tried, since it need not be the one with the largest residuals. */
 static bool a_frame_off(struct calib *k, uint32_t worst, uint32_t n)
 {
     double best = 0.7;
@@ -80,7 +80,8 @@ static bool a_frame_off(struct calib *k, uint32_t worst, uint32_t n)
     return true;
 }
 
-/* What repeats by its place in the picture is the lens; the camera alone may bend poses to hide it. */
+/* Residuals that repeat by place in the picture come from the lens.  A fit of one camera alone may distort poses
+ * to hide them. */
 static bool a_lens(struct calib *k, const double *structure, bool together)
 {
     bool any = false;

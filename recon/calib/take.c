@@ -7,9 +7,9 @@
 #include "recon/calib/priv.h"
 
 #define STILL \
-    0.5 /* px: a board that moved less between two pictures gives the same picture twice */
+    0.5 /* px: two pictures between which the board moved less count as the same picture */
 
-/* An old rig in which two cameras are one: somebody copied an entry. */
+/* Two cameras of the old rig are the same: probably a copied entry. */
 static pvx_err check_old(const struct calib *k)
 {
     const struct rec_rig *old = k->in->options.old;
@@ -106,8 +106,8 @@ static int take_by_frame(const void *pa, const void *pb)
     return a->in < b->in ? -1 : a->in > b->in;
 }
 
-/* Whitening of a corner's covariance; nobody locates a corner better than 0.02 px.  A covariance that is
- * none stands for 0.1 px. */
+/* Whitening of a corner's covariance.  No detector locates a corner better than 0.02 px.  An invalid covariance is
+ * replaced by 0.1 px. */
 static void whiten(const double cov[3], double W[3])
 {
     double xx = cov[0] + 4e-4, xy = cov[1], yy = cov[2] + 4e-4;
@@ -121,7 +121,7 @@ static void whiten(const double cov[3], double W[3])
     W[2] = 1 / c;
 }
 
-/* The corners of one view, if they are such. */
+/* The corners of one view, if they are valid. */
 static enum rec_view_fate corners(struct calib *k, struct view *v)
 {
     const struct rec_board_view *b = v->board;

@@ -1,4 +1,4 @@
-/* Where the world is: the rig and its boards moved as one. */
+/* Places the world: moves the rig and its boards as one. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -6,7 +6,7 @@
 #include "recon/calib/pose.h"
 #include "recon/calib/priv.h"
 
-/* to_world: from the axes of the fit to the world's. */
+/* to_world: axes of the fit -> axes of the world. */
 static void move_all(struct calib *k, const double to_world[6])
 {
     double back[6], out[6];
@@ -42,7 +42,7 @@ static size_t views_of(const struct calib *k, size_t f, int *front)
     return n;
 }
 
-/* The board of frame f lies at the bottom of the volume, its middle above (0,0). */
+/* The world in which the board of frame f lies at the bottom of the volume, its middle above (0,0). */
 static void by_floor(struct calib *k, size_t f)
 {
     int front;
@@ -58,7 +58,7 @@ static void by_floor(struct calib *k, size_t f)
     move_all(k, a);
 }
 
-/* The frame that counts for this one: itself, or the one since which nothing moved. */
+/* The frame that stands for this one: itself, or the earlier frame since which nothing moved. */
 static uint32_t counts_as(const struct calib *k, uint32_t frame)
 {
     for (size_t i = 0; i < k->in->n_views; i++)
@@ -124,7 +124,7 @@ static void upright(const double z[3], const double right[3], double R[9])
     }
 }
 
-/* The point that is nearest to all optical axes: sum (I - d d^T) X = sum (I - d d^T) o, by Cramer. */
+/* The point nearest to all optical axes: sum (I - d d^T) X = sum (I - d d^T) o, by Cramer. */
 static bool meeting(const struct calib *k, double X[3])
 {
     double A[9] = {0}, b[3] = {0};
@@ -149,7 +149,7 @@ static bool meeting(const struct calib *k, double X[3])
         det += A[j] * C[j];
     for (int i = 0; i < 3; i++)
         X[i] = (C[i] * b[0] + C[3 + i] * b[1] + C[6 + i] * b[2]) / det;
-    return det > 1e-6; /* axes that are nearly parallel meet nowhere */
+    return det > 1e-6; /* axes that are nearly parallel do not meet */
 }
 
 static pvx_err by_up(struct calib *k)
@@ -182,7 +182,7 @@ static pvx_err by_up(struct calib *k)
 
 /* ---- an old rig ----------------------------------------------------------------------------------- */
 
-/* The motion onto the old rig by the cameras that both have; those that were moved since count little. */
+/* The motion onto the old rig by the cameras of both rigs; cameras that were moved since count little. */
 static pvx_err by_old(struct calib *k)
 {
     const struct rec_rig *old = k->in->options.old;
@@ -215,7 +215,7 @@ static pvx_err by_old(struct calib *k)
                           "others %.2g px: it "
                           "was moved or turned since",
                           a[i].name, o.px[i], usual);
-    double off = 1 / o.scale - 1; /* the old one's size over this one's */
+    double off = 1 / o.scale - 1; /* size of the old rig over size of this one, less 1 */
     if (ra.n_cameras > 2 && fabs(off) > 5e-3)
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SCALE, -1, REC_NO_FRAME,
                       "the old rig is %.2f %% %s: one of the boards was printed to another scale, "
@@ -254,7 +254,7 @@ pvx_err rec_calib_place(struct calib *k)
     for (size_t c = 0; c < k->nc; c++)
         held |= (k->in->camera[c].hold & REC_HOLD_POSE) != 0;
     check_scale(k);
-    if (held) /* the world is theirs already */
+    if (held) /* the world is already that of the old rig */
         return PVX_OK;
     switch (k->in->options.world) {
     case REC_WORLD_FLOOR: return floor_frame(k);
