@@ -1,12 +1,13 @@
 /* next.h - the pose of the board that would lower the volume error most, and its name in words.
  *
  * Information of all frames seen so far, with the board's own pose eliminated:
- *     L = sum_f ( U - W V^-1 W^T ),  U = A^T S A, W = A^T S B, V = B^T S B  (1)
- * A, B: derivatives of the corners with respect to lenses and poses of the cameras, and to the pose of the board. S:
- * 1 / (variance of a corner of that camera times chi2).  The priors of lenses (adjust.c) are added.  The volume error
- * is tr(L^-1 H), with H from the derivatives of the error after the rigid motion of the world is removed (expect.c).
+ *     L = sum_f ( U - W V^-1 W^T ),   U = A^T S A, W = A^T S B, V = B^T S B                     (1)
+ * A, B: derivatives of the corners with respect to lenses and poses of the cameras, and to the pose of the board.
+ * S: 1 / (variance of a corner of that camera times chi2).  The priors of lenses (adjust.c) are added.  The
+ * volume error is tr(L^-1 H), with H from the derivatives of the error after the rigid motion of the world is removed
+ * (expect.c).
  * A candidate adds its own term D of (1), in the block of the cameras that would see it:
- *     tr(L^-1 H) - tr((L + D)^-1 H) = tr( (I + D C)^-1 D C H C ),  C = L^-1  (2)
+ *     tr(L^-1 H) - tr((L + D)^-1 H) = tr( (I + D C)^-1 D C H C ),   C = L^-1                    (2)
  * Candidates: 27 places in the volume, facing each camera.  For each camera, three of the places are also tried with
  * a tilt of 40 degrees to the left, right, up and down; that is where two cameras can see the board.
  * To lower a trace of L^-1 most is A-optimal design: Pukelsheim, Optimal Design of Experiments, 1993.

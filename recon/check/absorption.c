@@ -8,17 +8,17 @@
 
 static const double depths[] = {0, 0.25, 0.5, 0.75, 1, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6};
 #define N_DEPTHS (sizeof depths / sizeof *depths)
-#define EVERY    0x1555u /* second of them; then those beside the best */
+#define EVERY    0x1555u /* tried first: every second depth; then those beside the best */
 
 struct search {
     rec_unseen *u;
     const struct rec_check_source *from;
     size_t at[REC_ABSORPTION_SETS]; /* sets of the source */
     double top[REC_MAX_CAMERAS];    /* brightest bin of each camera */
-    double brightest;               /* the second of those: one may be of another gain */
+    double brightest; /* second largest of `top`, since one camera may have another gain */
     double error[N_DEPTHS][REC_ABSORPTION_VIEWS];
     double size, noise; /* sum of b^2 of those pictures; N */
-    uint32_t views;     /* of error[] that are there */
+    uint32_t views;     /* entries of error[] in use */
     uint32_t tried;     /* bit i: depth i */
 };
 
@@ -82,7 +82,7 @@ static double c_of(const struct search *s, double depth)
     return -expm1(-depth) / s->brightest;
 }
 
-/* These depths without camera k, of the set that is loaded. */
+/* F of these depths without camera k, of the loaded set. */
 static pvx_err absorption_without(struct search *s, const bool *sees, size_t k, uint32_t which)
 {
     bool use[REC_MAX_CAMERAS];
@@ -117,7 +117,7 @@ static pvx_err absorption_measure(struct search *s, uint32_t sets, uint32_t whic
         PVX_TRY(absorption_load(s, s->at[j]));
         (void)rec_holdout_who(s->u, sees);
         for (size_t m = 0; m < each; m++) {
-            size_t k = (j + m * n / each) % n; /* around the ring */
+            size_t k = (j + m * n / each) % n; /* spread around the ring */
             if (sees[k])
                 PVX_TRY(absorption_without(s, sees, k, which));
             double done = ((double)j + (double)(m + 1) / (double)each) / sets;
@@ -128,7 +128,7 @@ static pvx_err absorption_measure(struct search *s, uint32_t sets, uint32_t whic
     return PVX_OK;
 }
 
-/* F; INFINITY: not tried. */
+/* F of depth i; INFINITY: not tried. */
 static double absorption_total(const struct search *s, size_t i)
 {
     double sum = (s->tried >> i & 1) != 0 ? 0 : INFINITY;
@@ -145,7 +145,7 @@ static size_t absorption_least(const struct search *s)
     return best;
 }
 
-/* The least of a parabola through three depths. */
+/* The minimum of a parabola through three depths. */
 static double absorption_between(const struct search *s, size_t i)
 {
     if (i == 0 || i + 1 == N_DEPTHS || !isfinite(absorption_total(s, i - 1)) ||
@@ -154,7 +154,7 @@ static double absorption_between(const struct search *s, size_t i)
     double x0 = depths[i - 1] - depths[i], x1 = depths[i + 1] - depths[i],
            f = absorption_total(s, i);
     double f0 = absorption_total(s, i - 1) - f, f1 = absorption_total(s, i + 1) - f;
-    double bend = f0 * x1 - f1 * x0; /* of a common sign with x1 - x0 > 0 */
+    double bend = f0 * x1 - f1 * x0; /* its sign is that of the curvature */
     if (!(bend > 0))
         return depths[i];
     return depths[i] + 0.5 * (f0 * x1 * x1 - f1 * x0 * x0) / bend;

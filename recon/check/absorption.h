@@ -1,16 +1,16 @@
-/* absorption.h - how much a flame absorbs of its own light, from what cameras see that had no part in the volume.
+/* absorption.h - how much a flame absorbs of its own light, from pictures of cameras that had no part in the volume.
  *
  *     c = argmin of F(c) = sum over left-out pictures k, their bins:  ( I_c(E_k) - b_k )^2           (1)
  *     E_k: emission along the bins' rays in the volume of the others, reconstructed with c (unseen.h)
- *     I_c: what is seen of it (absorb.h)
- * An absorbing flame looks thinner than it is where it is deep.  From another side it is deep elsewhere, so
- * volumes with a wrong c miss the pictures that they were not made from.  Residuals of the pictures they
- * were made from do not tell: thin sheets leave more of those than absorption does.
- * c is looked for among those that give the brightest bin of all cameras but one an optical depth of 0 .. 6, then between the three
- * best.  It is believed where
- *     gain = (F(0) - F(c)) / (F(0) - N) >= REC_ABSORPTION_GAIN,   N: what noise alone makes of F           (2)
- * and three quarters of the pictures get better;
- * else nothing absorbs.  A flame that looks alike from all sides says nothing: c stays 0 (NUMERICS.md).
+ *     I_c: the visible part of it (absorb.h)
+ * An absorbing flame looks thinner than it is where it is deep.  From another side it is deep elsewhere, so volumes
+ * with a wrong c do not match pictures that had no part in them.  The residuals of the pictures that made the volume
+ * do not show c: thin sheets of flame leave larger ones than absorption does.
+ * The search tries values of c that give an optical depth of 0 .. 6 to the brightest bin of all cameras but one, then
+ * values between the three best.  c is accepted where
+ *     gain = (F(0) - F(c)) / (F(0) - N) >= REC_ABSORPTION_GAIN,   N: the part of F that noise alone makes    (2)
+ * and three quarters of the pictures improve; otherwise c = 0.  A flame that looks alike from all sides gives no
+ * information, so c stays 0 (NUMERICS.md).
  * Cost: 9 x REC_ABSORPTION_VIEWS solves of unseen's grid, a second or two.
  * Threads: as unseen.h. */
 #ifndef REC_ABSORPTION_H
@@ -19,16 +19,16 @@
 
 #define REC_ABSORPTION_GAIN  0.12
 #define REC_ABSORPTION_SETS  4  /* at most, evenly spread */
-#define REC_ABSORPTION_VIEWS 16 /* left out of all of them together, one after the other */
-#define REC_ABSORPTION_LEAST 3  /* cameras of a set; two others make no volume else */
+#define REC_ABSORPTION_VIEWS 16 /* pictures left out over all sets together, one at a time */
+#define REC_ABSORPTION_LEAST 3  /* cameras of a set, so that at least two others make the volume */
 
 struct rec_absorption {
-    double c;                 /* 1 over pixel value; 0: none that is worth it */
-    double best, depth, gain; /* argmin of (1); at the brightest bin; (2) */
-    double missed[2], noise;  /* (F / sum b^2)^(1/2) at 0 and at the best of those tried; N's */
-    double brightest;         /* that bin, of all cameras but one */
-    uint32_t sets, views;     /* with a flame; pictures left out */
-    uint32_t better;          /* of them */
+    double c;                 /* 1 / pixel value; 0: none was accepted */
+    double best, depth, gain; /* argmin of (1); optical depth at the brightest bin; (2) */
+    double missed[2], noise;  /* (F / sum b^2)^(1/2) at 0 and at the best c tried; that of N */
+    double brightest;         /* value of that bin */
+    uint32_t sets, views;     /* sets with a flame; pictures left out */
+    uint32_t better;          /* pictures that improve */
 };
 
 /* Errors: PVX_ECANCELED (the source's progress); PVX_ENOENT: no set has a flame in three cameras; those of

@@ -8,10 +8,10 @@
 #include "base/mem.h"
 
 #define SMOOTH  2    /* passes over pictures before they are compared */
-#define REACH   0.15 /* of a picture's width: how far a displacement is looked for */
+#define REACH   0.15 /* of a picture's width: range of the search for a displacement */
 #define THROUGH 0.5  /* voxels: a bin that looks through less of the hull is not in it */
 
-#define LEFT 0.075 /* of white noise's energy after so many passes */
+#define LEFT 0.075 /* share of white noise's energy that is left after these passes */
 #define TINY 1e-12
 #define SAME 1e-4 /* a share of the light that may change without anything moving */
 
@@ -22,13 +22,13 @@ struct sums {
     struct rec_lattice lattice;
     double rho, rho_moved, flip[4];
     double late[REC_CHECK_LAGS], better[REC_CHECK_LAGS], better2[REC_CHECK_LAGS];
-    double mean[2], m2[2];           /* of displacements of single sets, Welford's way */
+    double mean[2], m2[2];           /* of displacements of single sets, by Welford's method */
     double Eb, Gb, Ep, Gp;           /* (1) */
-    double own, own_in, due, due_in; /* light; what of it is explained, lit */
-    double light, light_due;         /* where light is due */
+    double own, own_in, due, due_in; /* own light, its explained part; light due, its lit part */
+    double light, light_due;         /* light seen and due where light is due */
     double out2, in2, with2;         /* squares: b - p of the others, b, b - p of all */
     double lit, lost, bins;          /* bins */
-    double change, change_due;       /* squares, between sets that follow */
+    double change, change_due;       /* squares, between consecutive sets */
     double moves;                    /* change since the first set over its noise */
 };
 
@@ -39,7 +39,7 @@ struct rec_check {
     bool use[REC_MAX_CAMERAS];
     struct sums sums[REC_MAX_CAMERAS];
     uint32_t sets;
-    uint64_t number[KEPT];            /* of the sets that are kept; place = sets % KEPT */
+    uint64_t number[KEPT];            /* of the kept sets; place = sets % KEPT */
     bool kept[KEPT][REC_MAX_CAMERAS]; /* camera was in that set */
     double rho[KEPT][REC_MAX_CAMERAS];
     float *b[KEPT], *p[KEPT]; /* [rows] smoothed */
@@ -193,7 +193,7 @@ static void check_coverage(const rec_check *k, size_t c, const float *p, const f
     s->bins += (double)n;
 }
 
-/* As if it were `lag` sets late, beside the same picture at its own time. */
+/* Correlation as if the camera were `lag` sets late, compared with the same picture at its own time. */
 static void as_late(struct sums *s, int lag, const struct rec_pair *q, double own)
 {
     const int32_t zero[2] = {0, 0};
@@ -205,7 +205,7 @@ static void as_late(struct sums *s, int lag, const struct rec_pair *q, double ow
     s->lags[i]++;
 }
 
-/* Correlations with pictures of other sets, where both are kept. */
+/* Correlations with pictures of other sets, if both are kept. */
 static void other_times(const rec_check *k, size_t c, int place, struct sums *s)
 {
     struct view now = check_view_of(k, c, place);
@@ -216,7 +216,7 @@ static void other_times(const rec_check *k, size_t c, int place, struct sums *s)
             continue;
         struct view then = check_view_of(k, c, old);
         struct rec_pair late = now.q, early = now.q;
-        late.p = then.q.p; /* shows now what was due then */
+        late.p = then.q.p; /* late: shows now what was due then */
         early.b = then.q.b;
         as_late(s, (int)lag, &late, k->rho[place][c]);
         as_late(s, -(int)lag, &early, k->rho[old][c]);
@@ -266,7 +266,7 @@ static void check_compare(rec_check *k, size_t c, int place, struct sums *s)
     s->sets++;
 }
 
-/* How far the flame has moved since the first set, where it is, beside its noise. */
+/* Change of the flame since the first set, over the lit bins, in units of its noise. */
 static void check_motion(rec_check *k, size_t c, int place, struct sums *s)
 {
     struct view v = check_view_of(k, c, place);

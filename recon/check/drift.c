@@ -7,11 +7,11 @@
 #include "base/mem.h"
 #include "recon/check/shift.h"
 
-#define SMOOTHINGS 2 /* passes of [1 2 1]: detail that a small grid cannot show */
-#define REACH      8 /* bins that a first search goes */
-#define PEAK       0.05 /* more of the correlation than without a shift: a search has found something */
-#define PATIENCE   16 /* sets */
-#define AT_ONCE    8  /* cameras a look of one set is enough for */
+#define SMOOTHINGS 2    /* passes of [1 2 1]: detail that a small grid cannot show */
+#define REACH      8    /* bins: range of the first search */
+#define PEAK       0.05 /* gain of the correlation over no shift above which the search counts */
+#define PATIENCE   16   /* sets */
+#define AT_ONCE    8    /* cameras for which one look per set is enough */
 
 struct look {
     double A[3], d[2]; /* bins */
@@ -23,7 +23,7 @@ struct mean {
 
 struct camera {
     struct look look[REC_DRIFT_LOOKS];
-    int n, at; /* how many of them; the next one's place */
+    int n, at; /* how many looks; place of the next one */
     bool based;
     struct mean base;
     struct rec_drift_camera out;
@@ -33,9 +33,9 @@ struct rec_drift {
     struct rec_drift_params p;
     rec_unseen *unseen;
     size_t n, turn;
-    int trial;                             /* camera that is left out to see, or -1 */
+    int trial;                             /* camera left out on trial, or -1 */
     bool present[REC_MAX_CAMERAS], looked; /* the cameras of volumes so far */
-    int strange;                           /* sets of others in a row */
+    int strange;                           /* sets of other cameras in a row */
     double bin_px;
     struct camera camera[REC_MAX_CAMERAS];
     float *b, *seen, *tmp; /* [bins of the greatest picture] */
@@ -111,7 +111,7 @@ static struct mean drift_mean_of(const struct camera *k)
     return m;
 }
 
-/* How far beyond (2) a camera is: 1 is there. */
+/* How far a camera is beyond (2): 1 is the bound. */
 static double beyond(const rec_drift *t, const struct camera *k)
 {
     struct mean m = drift_mean_of(k);
@@ -140,7 +140,7 @@ static void drift_name(rec_drift *t, size_t c, bool moved, uint64_t *changed)
     *changed |= (uint64_t)1 << c;
 }
 
-/* After the last look of a round: suspicion, verdict, pardon. */
+/* After the last look of a round: suspect, name or take back cameras. */
 static void drift_judge(rec_drift *t, uint64_t *changed)
 {
     int worst = -1;
@@ -230,8 +230,8 @@ static pvx_err drift_look(rec_drift *t, size_t c)
     return PVX_OK;
 }
 
-/* Whether the set has the cameras that volumes have been made of; other cameras, another bias.  One set of others
- * is passed over, many in a row are what there is now. */
+/* Whether the set has the cameras that made the volumes so far, since other cameras mean another bias.  A single
+ * set of others is skipped; after many in a row they become the usual ones. */
 static bool drift_usual(rec_drift *t, const float *const *picture)
 {
     bool same = true;

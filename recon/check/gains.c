@@ -8,7 +8,7 @@
 #include "base/mem.h"
 
 #define STEP 0.85
-#define MOST 0.7 /* of a logarithm, a round */
+#define MOST 0.7 /* largest change of a gain's logarithm in a round */
 
 struct gains {
     const struct rec_unseen_params *p;
@@ -23,7 +23,7 @@ struct gains {
     struct pvx_diag *d;
 };
 
-/* Camera c of the set that is loaded against the volume of the others. */
+/* Camera c of the loaded set against the volume of the others. */
 static pvx_err gains_one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
 {
     const rec_sysmat *S = rec_unseen_matrix(u);
@@ -86,7 +86,7 @@ static pvx_err gains_look(struct gains *g, const double *gain, size_t from, size
     return e;
 }
 
-/* Median of camera c's ratios over the sets that fit; NAN: it saw nothing in all of them. */
+/* Median of camera c's ratios over the fitted sets; NAN: it saw nothing in any of them. */
 static double gains_usual(struct gains *g, size_t c)
 {
     double *v = g->ratio + c * g->s->n;

@@ -73,7 +73,7 @@ bool rec_camera_nudged(const struct rec_camera *c, const double X0[3], const dou
     return true;
 }
 
-/* The rig in the world that is nudged: X -> X0 + (1 + s) R(w) (X - X0) + t. */
+/* The rig in the moved world: X -> X0 + (1 + s) R(w) (X - X0) + t. */
 static void move_world(struct rec_rig *rig, const double X0[3], const double v[7])
 {
     double D[9], arm[3], Y[3], R[9], k = exp(v[6]);
@@ -147,7 +147,7 @@ double rec_gauge_hold(const struct rec_rig *old, struct rec_rig *rig, double *px
         double trace = 0;
         for (int p = 0; p < 7; p++)
             trace += M[8 * p];
-        for (int p = 0; p < 7; p++) /* what nobody sees stays */
+        for (int p = 0; p < 7; p++) /* numbers without information stay 0 */
             M[8 * p] += 1e-9 * trace + 1e-30;
         if (rec_spd_solve(M, b, 7))
             move_world(rig, X0, b);

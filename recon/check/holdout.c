@@ -59,7 +59,7 @@ struct sums {
     size_t views;
 };
 
-/* Camera k of the set that is loaded. */
+/* Camera k of the loaded set. */
 static pvx_err holdout_leave_out(rec_unseen *u, size_t k, const struct rec_holdout_params *p,
                                  const bool *sees, struct sums *s)
 {
@@ -100,7 +100,7 @@ pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source *from,
         rec_unseen_absorb(u, p->absorption);
         (void)rec_holdout_who(u, sees);
         for (size_t m = 0; m < each; m++) {
-            size_t k = (j + m * n / each) % n; /* around the ring */
+            size_t k = (j + m * n / each) % n; /* spread around the ring */
             if (sees[k])
                 PVX_TRY(holdout_leave_out(u, k, p, sees, &s));
         }

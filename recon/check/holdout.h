@@ -1,5 +1,5 @@
-/* holdout.h - how well volumes show cameras that had no part in them: the figure by which settings are compared where
- * no truth is known.
+/* holdout.h - how well volumes predict the pictures of cameras that had no part in them: the figure that compares
+ * settings where no truth is known.
  *
  *     e^2 = sum over left-out pictures k of || I(S_k x_others) - b_k ||^2 / sum of || b_k ||^2         (1)
  * over bins that are lit or have light in the volume; I: absorb.h.
@@ -8,11 +8,11 @@
 #define REC_HOLDOUT_H
 #include "recon/check/judge.h"
 
-/* Numerator of (1) of camera k, of the set that was loaded without absorption, the volume being of others and
- * solved with absorption c; *all, unless NULL: the denominator. */
+/* Numerator of (1) of camera k.  The set was loaded without absorption; the volume is of other cameras, solved
+ * with absorption c.  *all, unless NULL: the denominator. */
 double rec_holdout_miss(rec_unseen *u, size_t k, double c, double *all);
 
-/* sigma^2 over its bins that count and are lit: what of the numerator noise alone makes. */
+/* Sum of sigma^2 over its lit bins of positive weight: the part of the numerator that noise alone makes. */
 double rec_holdout_noise(const rec_unseen *u, size_t k);
 
 /* (1) over at most `sets` sets and `views` pictures, evenly spread; every `step`-th of the other cameras makes the

@@ -6,7 +6,7 @@
 
 #include "base/median.h"
 
-#define BARELY    0.1 /* share that is next to nothing */
+#define BARELY    0.1 /* share that counts as next to nothing */
 #define MOST      0.5
 #define TWICE     0.5 /* of 1 - rho */
 #define STILL     0.15
@@ -16,7 +16,7 @@
 #define APART     0.1 /* 1 - rho */
 #define TIMES     4.0 /* its median */
 #define MOVES     4.0 /* change over noise of a flame that moves */
-#define LEAST_LIT 60  /* bins of a flame that fills enough of a picture */
+#define LEAST_LIT 60  /* bins: smallest usable flame in a picture */
 #define SEEN_BY   3
 
 static double judge_median_of(const struct rec_check_figures *f, size_t n,
@@ -57,16 +57,16 @@ static bool judge_moved(const struct rec_check_camera *o, const struct rec_camer
     return d > floor && d > ERRORS * sigma;
 }
 
-/* Turned about its axis, or nearer or further away: by what that moves the flame's edge. */
+/* Turned about its axis, or nearer or further away: judged by how far that moves the flame's edge. */
 static bool judge_turned(const struct rec_check_camera *o, const struct rec_camera *c,
                          int32_t binning)
 {
-    double radius = sqrt(0.5 * o->area * c->width * c->height); /* a square's corner */
+    double radius = sqrt(0.5 * o->area * c->width * c->height); /* of a square: to its corner */
     return radius * fmax(fabs(o->roll), fabs(o->size)) >
            rec_check_floor(c, binning) + ERRORS * hypot(o->sigma[0], o->sigma[1]);
 }
 
-/* Another instant fits better, or none does for it never changes. */
+/* Pictures of another instant fit better, or the camera's picture never changes. */
 static bool late(const struct rec_check_camera *o, double moves)
 {
     for (int i = 0; i < REC_CHECK_LAGS; i++)
@@ -98,9 +98,10 @@ static enum rec_wrong judge_name(const struct rec_check_camera *o, const struct 
         return REC_WRONG_DISAGREES;
     if (judge_moved(o, c, binning))
         return REC_WRONG_MOVED;
-    /* noise that volumes do not have makes all pictures sharper than what is due, each as much as it has */
+    /* Noise makes every picture sharper than expected, since volumes have none; the median removes the common
+     * part. */
     if (o->blur > 0 && blur2_of(o) - u->blur2 > BLUR * BLUR * binning * binning)
-        return REC_WRONG_BLURRED; /* which makes a flame look larger, too */
+        return REC_WRONG_BLURRED; /* before turned: blur makes a flame look larger, too */
     if (judge_turned(o, c, binning))
         return REC_WRONG_MOVED;
     if (u->gain > 0 && fabs(log(fmax(o->gain, 1e-9) / u->gain)) > log(GAIN))
@@ -148,7 +149,7 @@ static pvx_err judge_all(struct run *r, struct rec_check_figures *f)
     return PVX_OK;
 }
 
-/* (1): how much better the others agree without each of those that look wrong. */
+/* (1): how much better the others agree without each camera that looks wrong. */
 static pvx_err judge_gains(struct run *r, const struct rec_check_figures *f,
                            double gain[REC_MAX_CAMERAS])
 {
@@ -209,7 +210,7 @@ static pvx_err judge_enough(const struct run *r, const struct rec_check_figures 
             most = fmax(most, f->camera[c].area);
     for (size_t c = 0; c < n; c++) {
         double bins = f->camera[c].area * S->block[c].bw * S->block[c].bh;
-        seen += f->camera[c].area > BARELY * most; /* noise lights some bins behind a cap too */
+        seen += f->camera[c].area > BARELY * most; /* noise lights bins even behind a cap */
         bright += f->camera[c].area >= MOST;
         large += bins >= LEAST_LIT && f->camera[c].area < MOST;
     }
@@ -267,7 +268,7 @@ pvx_err rec_check_run(rec_check *k, const struct rec_rig *rig, const struct rec_
         if (wrong == 0)
             break;
         if (n == REC_CHECK_LEAST && wrong == 1)
-            break; /* three that agree cannot be had */
+            break; /* the three others are too few to judge anew */
         if (left < REC_CHECK_LEAST || 2 * left <= n) {
             out->outcome = REC_CHECK_UNTOLD;
             break;

@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-#define RHO   2e-3 /* weight of what was believed before; NUMERICS.md */
-#define REACH 0.3  /* of the box: how far from its middle a flame reaches */
+#define RHO   2e-3 /* weight of the prior; NUMERICS.md */
+#define REACH 0.3  /* share of the box: how far a flame reaches from its middle */
 
 enum { N = 7 };
 
@@ -19,7 +19,7 @@ static void posefit_middle_of(const struct rec_grid *g, double X0[3], double *si
     *size = s;
 }
 
-/* Standard deviations of what is believed: REC_POSE_PX at the flame, whichever number does it. */
+/* Standard deviations of the prior: each number alone moves the flame by REC_POSE_PX (posefit.h). */
 static bool beliefs(const struct rec_camera *c, const double X0[3], double size, double sigma[N])
 {
     double J[2 * N], reach = REACH * size;
@@ -35,7 +35,7 @@ static bool beliefs(const struct rec_camera *c, const double X0[3], double size,
     return per_m > 0;
 }
 
-/* Normal equations of the windows; their tr(A). */
+/* Normal equations of the windows; returns their tr(A). */
 static double posefit_gather(const struct rec_lattice *l, const struct rec_camera *c,
                              const double X0[3], int32_t binning, double M[N * N], double b[N])
 {
@@ -74,7 +74,7 @@ static bool posefit_solve(const double M[N * N], const double b[N], unsigned hel
     return false;
 }
 
-/* Whether the flame tells more of the focal length than was believed of it. */
+/* Whether the flame determines the focal length better than the prior. */
 static bool shows_focal(const double M[N * N], unsigned held, double belief)
 {
     double e[N] = {0}, y[N];

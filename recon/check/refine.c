@@ -4,8 +4,8 @@
 #include <string.h>
 
 #define LINE 0.05
-#define STEP 0.7 /* of a correction, as all cameras move at once */
-#define FEW  6   /* sets that show whom to believe at first */
+#define STEP 0.7 /* share of a correction that is applied, as all cameras move at once */
+#define FEW  6   /* sets for the first choice of believed cameras */
 
 struct refine {
     const struct rec_unseen_params *p;
@@ -45,7 +45,7 @@ bool rec_rig_in_line(const struct rec_rig *rig)
     return off <= LINE * LINE * far;
 }
 
-/* Sets [from, to) of a rig. */
+/* Checks sets [from, to) with a rig. */
 static pvx_err refine_look(const struct refine *r, const struct rec_rig *rig, size_t from,
                            size_t to, rec_check **k)
 {
@@ -63,7 +63,7 @@ static pvx_err refine_look(const struct refine *r, const struct rec_rig *rig, si
     return PVX_OK;
 }
 
-/* (1) of the sets that are held out. */
+/* (1) of the held-out sets. */
 static pvx_err error_of(const struct refine *r, const struct rec_rig *rig, double *error)
 {
     static struct rec_check_figures f; /* large */
@@ -83,7 +83,7 @@ static pvx_err error_of(const struct refine *r, const struct rec_rig *rig, doubl
     return e;
 }
 
-/* Every camera by its own displacements. */
+/* Corrects every camera by its own displacements. */
 static pvx_err correct(struct refine *r, struct rec_rig *rig)
 {
     rec_check *k;
@@ -126,7 +126,7 @@ static pvx_err refine_rounds(struct refine *r, const struct rec_rig *first, stru
     return PVX_OK;
 }
 
-/* Whom the others can do without at first; a fault that is no pose ends it. */
+/* Chooses the cameras that take part in the first volumes.  A fault that is not a pose is an error. */
 static pvx_err whom_to_believe(struct refine *r, const struct rec_rig *rig)
 {
     static struct rec_check_verdict v; /* large */

@@ -2,19 +2,19 @@
  *
  *     repeat: d_c = displacements of camera c against the volume of the others      (shift.h, check.h)
  *             camera c += 0.7 of the pose that explains them, all cameras at once   (posefit.h)
- *             the similarity that no picture tells is taken out                     (gauge.h)
- * on two thirds of the frame sets.  What is believed is the last third, which nothing was fitted on: the residual of
- * views that were left out,
+ *             the similarity that no picture shows is removed                    (gauge.h)
+ * on two thirds of the frame sets.  The last third, which was not used for the fit, judges: the residual of views
+ * that were left out,
  *     E = ( mean_c || b_c - alpha p_c ||^2 / || b_c ||^2 )^(1/2)                                        (1)
- * A round that does not lower E is undone and the last; a rig is accepted when E is lower than at first by
- * REC_REFINE_GAIN at least.
- * A camera that lies by far (rec_check_run) is in nobody's volume in the first round and corrected by it.  Cameras
- * that are dark, flooded, mirrored or late are not a matter of poses: refused.
- * Where all cameras stand in a line, the direction from which each looks and its distance change depths alone, which
- * such cameras hardly see: they are held.
- * Sources: B. Wieneke, Exp. Fluids 45:549-556, 2008 (volume self-calibration, disparities added up over sets);
- * C. Bruecker, D. Hess, B. Watz, Optics 1:113-129, 2020 (reprojections of the reconstruction).  Ours is that the camera
- * has no part in the volume.
+ * A round that does not lower E is undone and ends the refinement.  A rig is accepted when E is at least
+ * REC_REFINE_GAIN lower than at the start.
+ * A camera that is far off (rec_check_run) takes part in no volume of the first round, which corrects it.  Cameras
+ * that are dark, flooded, mirrored or late are refused, since a pose cannot mend them.
+ * Where all cameras stand in a line, the direction from which each looks and its distance only change depths, which
+ * such cameras hardly see.  Then these are held.
+ * Sources: B. Wieneke, Exp. Fluids 45:549-556, 2008 (volume self-calibration, disparities added up over sets); C.
+ * Bruecker, D. Hess, B. Watz, Optics 1:113-129, 2020 (reprojections of the reconstruction).  New here: the camera has
+ * no part in the volume.
  * Threads: as rec_check. */
 #ifndef REC_REFINE_H
 #define REC_REFINE_H
@@ -26,21 +26,21 @@
 
 struct rec_refine_report {
     bool accepted;
-    uint32_t rounds, best;               /* done; the one that is returned */
+    uint32_t rounds, best;               /* rounds done; number of the best round */
     size_t fitted, held_out;             /* sets */
-    double error[REC_REFINE_ROUNDS + 1]; /* E; [0]: of the rig as it came */
+    double error[REC_REFINE_ROUNDS + 1]; /* E; [0]: of the given rig */
     double moved[REC_REFINE_ROUNDS + 1]; /* raw pixels rms, of that round alone */
     double px[REC_MAX_CAMERAS], all_px; /* raw pixels: of each camera, of all, from first to best */
     unsigned held[REC_MAX_CAMERAS];     /* posefit.h */
     bool in_line;
 };
 
-/* rig in: as it was, out: the best one if it is accepted, else as it was.  Errors: those of rec_check_run; PVX_EINVAL
- * + diag: fewer than REC_REFINE_SETS sets, a camera whose fault is no pose. */
+/* rig in: the start; out: the best one if it is accepted, else unchanged.  Errors: those of rec_check_run;
+ * PVX_EINVAL + diag: fewer than REC_REFINE_SETS sets, or a camera whose fault is not its pose. */
 PVX_MUST_CHECK pvx_err rec_refine(struct rec_rig *rig, const struct rec_unseen_params *p,
                                   pvx_pool *pool, const struct rec_check_source *s,
                                   struct rec_refine_report *out, struct pvx_diag *d);
-/* All lenses within a twentieth of its length of one line. */
+/* All lenses lie within a twentieth of the row's length of one line. */
 bool rec_rig_in_line(const struct rec_rig *rig);
 
 #endif

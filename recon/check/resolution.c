@@ -24,7 +24,7 @@ static double resolution_dot(const struct lanczos *z, const float *u, const floa
     return out[0];
 }
 
-/* T of N, begun with v; steps end where nothing new comes. */
+/* T of N, started at v; the steps end early when no new direction appears. */
 static void resolution_run(struct lanczos *z, const float *v)
 {
     size_t n = (size_t)z->a->n;
@@ -96,7 +96,7 @@ pvx_err rec_resolution_share(const struct rec_subsys *a, struct rec_images *im, 
     return e;
 }
 
-/* Where the shares cross one half for good, between two sizes. */
+/* Size from which on all shares are above one half, interpolated between two sizes. */
 static double resolution_least(const struct rec_resolution *r, int axis, int noise)
 {
     const double *s = r->share[axis][noise];

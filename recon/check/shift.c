@@ -4,11 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FAR    8    /* bins: beyond them the search begins on a coarser picture */
-#define NEAR   1    /* whole bins that the steps find by themselves */
-#define STEPS  2    /* before the one that counts */
-#define COARSE 4    /* whose bins are of this many */
-#define THIN   1e-3 /* least eigenvalue of A over the greatest that tells a direction */
+#define FAR    8    /* bins: a search over more than these begins on a coarser picture */
+#define NEAR   1    /* whole bins that the steps find without a search */
+#define STEPS  2    /* before the step that counts */
+#define COARSE 4    /* bins of the picture to a bin of the coarser one */
+#define THIN   1e-3 /* smallest ratio of A's eigenvalues at which d is determined */
 
 void rec_smooth(const float *in, int32_t bw, int32_t bh, int passes, float *out, float *tmp)
 {
@@ -51,7 +51,7 @@ static double shift_correlate(const struct rec_pair *q, const int32_t s[2], unsi
         for (int32_t x = step / 2; x < q->bw; x += step) {
             int64_t i = under(q, x, y, s, flip);
             double p = (double)q->p[(size_t)y * (size_t)q->bw + (size_t)x];
-            if (i < 0) { /* what leaves the picture counts against a shift */
+            if (i < 0) { /* light that leaves the picture counts against the shift */
                 pp += p * p;
                 continue;
             }
@@ -144,7 +144,7 @@ static double scale(const struct rec_pair *q, const double d[2])
     return pp > 0 && bp > 0 ? bp / pp : 0;
 }
 
-/* A and v of (1) about d, of all windows into A, v and of each into sum, where it is not NULL. */
+/* A and v of (1) about d: of all windows into A and v, of each window into sum if that is not NULL. */
 static void shift_gather(const struct rec_pair *q, double alpha, const double d[2],
                          struct rec_lattice *sum, double A[3], double v[2])
 {
@@ -181,7 +181,7 @@ static void shift_gather(const struct rec_pair *q, double alpha, const double d[
 double rec_shift_add(const struct rec_pair *q, const int32_t s[2], struct rec_lattice *sum,
                      double d[2])
 {
-    bool far = abs(s[0]) > NEAR || abs(s[1]) > NEAR; /* else noise may have chosen it */
+    bool far = abs(s[0]) > NEAR || abs(s[1]) > NEAR; /* a smaller s may come from noise */
     double alpha = 0, A[3], v[2], at[2] = {far ? s[0] : 0, far ? s[1] : 0};
     d[0] = d[1] = 0;
     for (int step = 0; step < STEPS; step++) {

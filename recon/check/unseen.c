@@ -19,11 +19,11 @@ struct rec_unseen {
     struct rec_images images;
     bool present[REC_MAX_CAMERAS], floats;
     double sigma;
-    const float *picture[REC_MAX_CAMERAS]; /* borrowed by load: copied */
+    const float *picture[REC_MAX_CAMERAS]; /* borrowed during load, which copies */
     float *raw, *b, *weight;               /* [rows] */
     uint8_t *lit;
     float *ones, *seen, *through; /* [voxels], [room], [room] */
-    struct rec_sparse before;     /* with params.temporal: own copies, n 0: none */
+    struct rec_sparse before;     /* with params.temporal: the volume before, own copy; n 0: none */
     int32_t *before_index;        /* [voxels] */
     float *before_value;
     size_t rows;
@@ -94,7 +94,7 @@ static pvx_err unseen_make(rec_unseen *u, const struct rec_rig *rig,
     f.photo.margin = p->margin;
     f.at_least = p->at_least;
     f.temporal = p->temporal;
-    f.trust_all = true; /* who is believed is asked here by whoever asks for a volume */
+    f.trust_all = true; /* the caller chooses the cameras of each volume */
     PVX_TRY(rec_carver_new(u->S, &u->rig, &f, pool, &u->carver, d));
     PVX_TRY(rec_solver_new(u->S, &f, &u->solver, d));
     PVX_TRY(rec_frame_new(u->carver, u->solver, &u->frame, d));
@@ -147,7 +147,7 @@ const rec_sysmat *rec_unseen_matrix(const rec_unseen *u)
     return u->S;
 }
 
-/* The set's raw pixels into the slot: photometry works in place. */
+/* Copies the set's raw pixels into the slot, since photometry works in place. */
 static void unseen_fill(rec_unseen *u, const bool *use)
 {
     rec_frame_reset(u->frame);
