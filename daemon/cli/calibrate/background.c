@@ -52,7 +52,7 @@ static error_t background_parse(int key, char *arg, struct argp_state *st)
 #define ANSWER_MS 10000
 #define ASK_NS    (100 * PVX_NS_PER_MS)
 
-/* Until the daemon has done what this request asked for. */
+/* Wait until the daemon has done what this request asked for. */
 static pvx_err await(const struct args *a, double number, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "background"};
@@ -103,7 +103,7 @@ static int background_live(const struct args *a)
 
 /* ---- from pictures ---- */
 
-/* A filter's colours at each pixel: its own sample, of the others the mean of those among its neighbours. */
+/* Colours at a pixel of a Bayer picture: its own sample, and for the other colours the mean over its neighbours. */
 static void colours_at(const struct rec_light_picture *p, int32_t x, int32_t y, float out[3])
 {
     double sum[3] = {0}, count[3] = {0};

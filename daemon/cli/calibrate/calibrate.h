@@ -3,10 +3,10 @@
 #define CLI_CALIBRATE_H
 #include "base/err.h"
 
-/* Exit code of a step that is over: 130 and a line on stderr for PVX_ECANCELED, else as cli_error. */
+/* Exit code of a step that ended with e.  PVX_ECANCELED: 130, and a line on stderr.  Otherwise as cli_error. */
 int calibrate_end(pvx_err e, const struct pvx_diag *d);
 
-/* argv[0] = "pyrovox calibrate NAME"; exit code. */
+/* argv[0] = "pyrovox calibrate NAME".  Each returns the exit code. */
 int calibrate_background(int argc, char **argv);
 int calibrate_board(int argc, char **argv);
 int calibrate_check(int argc, char **argv);

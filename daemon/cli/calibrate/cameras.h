@@ -1,8 +1,8 @@
 /* cameras.h - the cameras of a pyrovoxd.yaml before there is a rig.
  *
- * Where `cameras` names each, these are the cameras, in the order of their names; a rig.yaml that is there
- * already gives the sizes of those that it has, the others are taken as they are set.  A pattern for all
- * cameras needs the rig that it is for. */
+ * If `cameras` names each camera, these are used, sorted by name.  If a rig.yaml exists already, it gives the sizes
+ * of the cameras that it has.  The other cameras are used as they are set.  If `cameras` is one pattern
+ * for all cameras, it needs an existing rig. */
 #ifndef CALIBRATE_CAMERAS_H
 #define CALIBRATE_CAMERAS_H
 #include "base/err.h"
@@ -14,8 +14,8 @@ struct calibrate_cameras {
     struct dmn_sources sources;
 };
 
-/* s must not be moved; names are borrowed by the sources.  Owner: caller, fini, after an error too.
- * Errors: the configuration's; PVX_EINVAL: no names; PVX_EUNSUP: simulated in the program (sim:). */
+/* s must not be moved, because the sources borrow its names.  Owner: caller, until fini, after an error too.
+ * Errors: the configuration's; PVX_EINVAL: no names; PVX_EUNSUP: cameras simulated in the program (sim:). */
 PVX_MUST_CHECK pvx_err calibrate_cameras_init(struct calibrate_cameras *s, const char *config,
                                               struct pvx_diag *d);
 void calibrate_cameras_fini(struct calibrate_cameras *s);

@@ -14,13 +14,13 @@ struct check_result {
 };
 
 #define CHECK_SENTENCE 700
-/* Of camera c: what is wrong, by how much, and what to do about it; "" for nothing. */
+/* What is wrong with camera c, by how much, and what to do about it.  "": nothing is wrong. */
 void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTENCE]);
-/* Of all of them. */
+/* The conclusion about all cameras together. */
 void check_conclusion(const struct check_result *r, char out[CHECK_SENTENCE]);
-/* On stdout: a line per camera, then the sentences. */
+/* Print on stdout a line per camera, then the sentences. */
 void check_print(const struct check_result *r);
-/* The report of a struct check_result; page/check.c.  Errors: those of rec_check_look. */
+/* Write the report of a struct check_result (page/check.c).  Errors: those of rec_check_look. */
 void check_json(struct dmn_json *j, const void *result);
 PVX_MUST_CHECK pvx_err check_html(FILE *f, const void *result);
 

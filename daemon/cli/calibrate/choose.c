@@ -38,7 +38,7 @@ static bool listed(const struct calibrate_names *o, const char *name)
     return false;
 }
 
-/* Names that were asked for: pictures of them are there, and the old rig has them or has not. */
+/* Check the named cameras: each has pictures, and the old rig lacks it (--add) or has it (--recover). */
 static pvx_err choose_known(const struct calibrate_look *l, const struct rec_rig *old,
                             const struct calibrate_names *o, bool add, struct pvx_diag *d)
 {

@@ -19,7 +19,7 @@ size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t
     return c;
 }
 
-/* One more camera; what stands for it in messages is `where`. */
+/* Add a camera.  Messages use `where` and `what` to say where the name was found. */
 static pvx_err find_add_camera(struct calibrate_look *l, const char *where, const char *what,
                                const char *name, struct pvx_diag *d)
 {

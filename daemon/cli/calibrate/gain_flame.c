@@ -10,7 +10,7 @@
 
 /* ---- integrated emission ---- */
 
-/* The flame's middle in group g, by cameras that see all of it where there are two. */
+/* Middle of the flame in group g, from the cameras that see all of it, or from all cameras if fewer than two do. */
 static pvx_err gain_flame_middle(const struct calibrate_light *l, const struct calibrate_gain *q,
                                  size_t g, double at[3], struct pvx_diag *d)
 {
@@ -29,7 +29,7 @@ static pvx_err gain_flame_middle(const struct calibrate_light *l, const struct c
     return rec_light_where(p, cam, n, at, d);
 }
 
-/* Light of all cameras in group g, seen from `at`; those that see a part of it are noted. */
+/* Add the light of all cameras in group g, for a flame at `at`.  q->cut notes cameras that see only a part of it. */
 static pvx_err add_light(const struct calibrate_light *l, struct calibrate_gain *q, size_t g,
                          const double at[3], struct pvx_diag *d)
 {
@@ -126,7 +126,7 @@ static pvx_err gain_flame_load(const struct calibrate_light *l, const struct cal
     return PVX_OK;
 }
 
-/* Each colour from its integrated gains on; those of grey pictures are alike. */
+/* Solve each colour, starting from its integrated gains.  Grey pictures have the same gains for all colours. */
 static pvx_err alternate(const struct calibrate_light *l, struct calibrate_gain *q,
                          struct pvx_diag *d)
 {
@@ -140,7 +140,7 @@ static pvx_err alternate(const struct calibrate_light *l, struct calibrate_gain 
             r.sets[i].channel = a;
         e = rec_gains(&l->as, &r.sets[0].params, r.sets[0].pool, &from, q->gain[a], &q->rounds[a],
                       &q->why[a]);
-        if (e == PVX_EINVAL) /* it tells nothing: what the integration found stays */
+        if (e == PVX_EINVAL) /* not solvable: the integrated gains stay */
             e = PVX_OK;
         else if (e != PVX_OK && d != NULL)
             *d = q->why[a];

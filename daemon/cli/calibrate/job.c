@@ -80,8 +80,8 @@ pvx_err calibrate_prepare(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* A camera that never saw the board: a reason in which something was recognised (mirrored, another board, other
- * markers), else what most of its pictures give. */
+/* Fail if a camera never saw the board.  The reason given is the most frequent one in which something was recognised
+ * (mirrored, another board, other markers).  Without one it is the most frequent of all. */
 static pvx_err all_saw(const struct calibrate_look *l, struct pvx_diag *d)
 {
     for (size_t c = 0; c < l->n_cameras; c++) {
@@ -111,7 +111,7 @@ static pvx_err job_solve(struct calibrate_job *j, struct pvx_diag *d)
     return rec_calib_solve(&j->in, &j->rig, &j->report, d);
 }
 
-/* The pose that would help most, where help is needed. */
+/* Unless the calibration is good already, print the pose that would help most. */
 static void say_next(const struct calibrate_job *j)
 {
     struct rec_calib_next n;
@@ -119,7 +119,7 @@ static void say_next(const struct calibrate_job *j)
         printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
 }
 
-/* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures. */
+/* Turn the rig of these pictures into the wanted one: add the old rig's cameras, and crop to the flame's pictures. */
 static pvx_err job_complete(struct calibrate_job *j, struct pvx_diag *d)
 {
     if (j->a->add.n + j->a->recover.n > 0)
@@ -128,7 +128,7 @@ static pvx_err job_complete(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Another world than that of `from`, or of the rig that is written over: their bodies are nowhere in it. */
+/* Warn that the bodies of rig `from` are lost: without --keep the new world differs, so their places are unknown. */
 static void say_lost(const struct calibrate_job *j, const char *from)
 {
     struct rec_rig was;

@@ -19,12 +19,12 @@ struct calibrate_job {
     struct rec_calib_report report;
 };
 
-/* What can be wrong before the cameras are known: the board is read, older files are not in the way. */
+/* Checks that need no cameras: read the board, and check that no older file is in the way. */
 PVX_MUST_CHECK pvx_err calibrate_start(struct calibrate_job *j, const struct calibrate_args *a,
                                        struct pvx_diag *d);
-/* What can be wrong before the pictures are looked at: `in` is filled in but for the views. */
+/* Checks that need no pictures: fill in `in`, except for the views. */
 PVX_MUST_CHECK pvx_err calibrate_prepare(struct calibrate_job *j, struct pvx_diag *d);
-/* After the pictures were looked at: solved, said and written. */
+/* After the pictures were looked at: solve, print and write. */
 PVX_MUST_CHECK pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d);
 void calibrate_job_fini(struct calibrate_job *j);
 

@@ -70,7 +70,7 @@ static size_t folder(const char *path)
     return slash == NULL ? 0 : (size_t)(slash - path) + 1;
 }
 
-/* A rig, or (from pictures with all that it has) something else. */
+/* Check that --out may be written.  rig_out: it is a rig.  A step that applies all light terms writes other files. */
 static pvx_err may_write(const struct calibrate_light *l, bool rig_out, struct pvx_diag *d)
 {
     const char *rig = l->a->rig, *out = l->a->out;
@@ -163,7 +163,7 @@ struct calibrate_stack *calibrate_light_stack(const struct calibrate_light *l, s
     return &l->stack[group * REC_MAX_CAMERAS + camera];
 }
 
-/* The first picture of a camera says what they are. */
+/* The first picture of a camera sets the shape of its stack. */
 static pvx_err light_room(struct calibrate_stack *s, const struct frames_in *f, size_t c)
 {
     struct rec_light_picture *p = &s->picture;
@@ -228,7 +228,7 @@ static void light_conclude(struct calibrate_stack *s)
     PVX_FREE(s->sum2);
 }
 
-/* What the take says of its pictures; all of a group have one exposure and gain. */
+/* Read from the take how its pictures were taken.  All pictures of a group must have one exposure and gain. */
 static pvx_err how_taken(struct calibrate_stack *s, const struct frames_in *f, size_t c,
                          struct pvx_diag *d)
 {
@@ -258,7 +258,7 @@ static pvx_err how_taken(struct calibrate_stack *s, const struct frames_in *f, s
     return PVX_OK;
 }
 
-/* Sets of a group that is open, into the stacks. */
+/* Add all sets of an open group to the stacks. */
 static pvx_err stack_up(struct calibrate_light *l, struct frames_in *f, size_t g, float **out,
                         struct pvx_diag *d)
 {
@@ -334,7 +334,7 @@ pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera, cons
     snprintf(path, sizeof path, "%.*s%s-%s.tmp.npy", n, out, l->rig.cameras[camera].name, kind);
     PVX_TRY(cap_npy_save(path, v, shape, p->channels == 1 ? 2 : 3, d));
     PVX_TRY(dmn_photometry_hash(path, &m->hash, d));
-    /* named by what is in it: the maps of older rigs stay as they are */
+    /* the name contains the hash, so the maps of older rigs are not overwritten */
     snprintf(m->file, sizeof m->file, "%s-%s-%08x.npy", l->rig.cameras[camera].name, kind,
              (unsigned)(m->hash >> 32));
     snprintf(named, sizeof named, "%.*s%s", n, out, m->file);

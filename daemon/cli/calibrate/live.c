@@ -99,7 +99,7 @@ static pvx_err name_frames(const char *out, char *dir, size_t size)
     return snprintf(dir, size, "%.*s-frames", n, out) < (int)size ? PVX_OK : PVX_ERANGE;
 }
 
-/* The cameras of the configuration, by name, as calibrate_find has those of a folder. */
+/* The cameras of the configuration, sorted by name as calibrate_find sorts those of a folder. */
 static void name_cameras(struct live *l)
 {
     struct calibrate_look *k = &l->job.look;
@@ -285,7 +285,7 @@ static void live_print_word(const char *w)
     putchar('\'');
 }
 
-/* The command again, with --force where a rig is in the way now. */
+/* Print the command again, with --force if it now has to replace a rig. */
 static void say_how_to_go_on(const struct args *a)
 {
     printf("more pictures:");
@@ -304,7 +304,7 @@ static int in_order(const void *a, const void *b)
                                   : (p->frame > q->frame) - (p->frame < q->frame);
 }
 
-/* The command line names this camera, or places the world by it. */
+/* Whether the command line names this camera, or the world is placed by it. */
 static bool live_needs(const struct calibrate_job *j, uint32_t camera)
 {
     const struct rec_calib_options *o = &j->in.options;
@@ -318,7 +318,7 @@ static bool live_needs(const struct calibrate_job *j, uint32_t camera)
     return needed;
 }
 
-/* Cameras without a picture leave the job, and the others are numbered anew.  PVX_EINVAL: one of them is needed. */
+/* Remove the cameras without a picture from the job and renumber the others.  PVX_EINVAL: one of them is needed. */
 static pvx_err live_leave_out(struct calibrate_job *j, struct pvx_diag *d)
 {
     struct calibrate_look *k = &j->look;
@@ -349,7 +349,7 @@ static pvx_err live_leave_out(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* The pictures as calibrate_find would have them. */
+/* Sort and count the pictures as calibrate_find would. */
 static pvx_err put_in_order(struct calibrate_job *j, struct pvx_diag *d)
 {
     struct calibrate_look *k = &j->look;
@@ -369,7 +369,7 @@ static pvx_err live_conclude(struct live *l, struct pvx_diag *d)
         "ones\n",
         l->poses, l->frames, l->taken_now, (unsigned long long)l->looks,
         (unsigned long long)(l->skipped + l->dropped));
-    cli_stop = 0; /* once more ends this too */
+    cli_stop = 0; /* another Ctrl-C stops the solve, too */
     PVX_TRY(put_in_order(&l->job, d));
     return calibrate_conclude(&l->job, d);
 }
@@ -418,7 +418,7 @@ int calibrate_live(int argc, char **argv)
         .options = options, .parser = live_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
-    pvx_log_set_level(PVX_LOG_ERROR); /* the screen says what is wrong */
+    pvx_log_set_level(PVX_LOG_ERROR); /* the screen shows the warnings */
     cli_catch_stop();
     return calibrate_live_run(&a);
 }

@@ -66,7 +66,7 @@ pvx_err calibrate_keep(struct calibrate_picture *p, const struct rec_board_sight
     return PVX_OK;
 }
 
-/* A picture of a file, or of the camera's reel.  One that cannot be read is told, and no error. */
+/* Look at a picture of a file or of the camera's reel.  A picture that cannot be read is marked, and is no error. */
 static pvx_err calibrate_look_at(rec_board_detector *det, struct calibrate_reel *reel,
                                  struct calibrate_picture *p)
 {
@@ -88,7 +88,7 @@ static pvx_err calibrate_look_at(rec_board_detector *det, struct calibrate_reel 
     return e;
 }
 
-/* The next picture that is not looked at: of all, or of reel `task`.  Under the lock. */
+/* The next picture that was not looked at yet, of all or of reel `task`.  Under the lock. */
 static struct calibrate_picture *take_next(struct looking *w, size_t task)
 {
     size_t *next = w->reels ? &w->of_reel[task] : &w->next;
@@ -97,7 +97,7 @@ static struct calibrate_picture *take_next(struct looking *w, size_t task)
     return &w->l->picture[(*next)++];
 }
 
-/* One of the threads, with a detector of its own: picture after picture that no other has, or those of one reel. */
+/* One thread with its own detector.  It takes pictures that no other thread took, or all pictures of one reel. */
 static void work(void *ctx, size_t task)
 {
     struct looking *w = ctx;

@@ -1,12 +1,12 @@
 /* look.h - the pictures of a calibration, and the board in each of them.
  *
- *   DIR/<camera>/<number>.(npy|png|tif|tiff|jpg|jpeg)  every folder with pictures in it is a camera; the number is the
- *                            last run of digits in a file's name, and pictures of one instant have one number
+ *   DIR/<camera>/<number>.(npy|png|tif|tiff|jpg|jpeg)  every folder with pictures is a camera; the number is the last
+ *                            run of digits in a file's name, and pictures of one instant have the same number
  *   DIR/<camera>.(mp4|avi|mkv|mov)  videos that started together; the number counts frames from 0
  *   FILE.h5                  a take; the number is that of the set
- * Of a folder every picture is looked at; of videos and takes, which have thousands, the instants in which least moves
- * (reel.h).
- * Ownership: the struct is the caller's, fini frees what it holds, after an error too. */
+ * In folders every picture is looked at.  Videos and takes have thousands, so only the instants with the least motion
+ * are looked at (reel.h).
+ * Ownership: the struct is the caller's.  calibrate_look_fini frees its contents, after an error too. */
 #ifndef CALIBRATE_LOOK_H
 #define CALIBRATE_LOOK_H
 #include <stdbool.h>
@@ -46,33 +46,33 @@ struct calibrate_look {
     struct calibrate_picture *picture; /* [n] by camera, then number */
     struct rec_board_view *view;       /* [n_views]; corners are the pictures' */
     enum calibrate_source source;
-    char *video[REC_MAX_CAMERAS]; /* files; */
-    cap_take *take;               /* or this one, */
+    char *video[REC_MAX_CAMERAS]; /* files, */
+    cap_take *take;               /* or one take */
     int take_camera[REC_MAX_CAMERAS];
-    uint32_t
-        every; /* of so many instants of theirs one is looked at; 0: so that CALIBRATE_LOOKED_AT are */
-    uint32_t always;        /* and this one; REC_NO_FRAME: none */
-    uint32_t from, to;      /* pictures of other numbers are not looked at */
-    struct calibrate_mode { /* of the flame's pictures, where they are not as these; modes.h */
+    uint32_t every;    /* look at one of so many instants; 0: at about CALIBRATE_LOOKED_AT in all */
+    uint32_t always;   /* look at this one in any case; REC_NO_FRAME: none */
+    uint32_t from, to; /* pictures of other numbers are not looked at */
+    struct calibrate_mode { /* how the flame's pictures differ from these; modes.h */
         int32_t binning, x, y, width, height; /* 0: not said */
     } mode[REC_MAX_CAMERAS];
-    char said[300]; /* what was done about it; "" for folders */
+    char said[300]; /* which instants were looked at, in words; "" for folders */
 };
 
-/* What is there; `every`, `always`, `from` and `to` may be set after it.  Errors: PVX_ENOENT: no pictures; PVX_EINVAL: a name that
- * no camera can have, two pictures of one number, folders and videos side by side; PVX_ERANGE: too many cameras,
- * numbers too large; a take's. */
+/* Find the cameras and their pictures.  `every`, `always`, `from` and `to` may be set after it.  Errors: PVX_ENOENT:
+ * no pictures; PVX_EINVAL: a name that no camera can have, two pictures of one number, folders and videos side by
+ * side; PVX_ERANGE: too many cameras, numbers too large; a take's. */
 PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path,
                                       struct pvx_diag *d);
 /* The camera whose name is these `len` characters; n_cameras: there is none. */
 size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t len);
-/* Every picture looked at; the result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C),
- * PVX_EINVAL: a camera without a picture from..to, with pictures of two sizes, or none that can be read; the detector's. */
+/* Look at every picture.  The result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C); the
+ * detector's; PVX_EINVAL: a camera without a picture from..to, with pictures of two sizes, or none that can be
+ * read. */
 PVX_MUST_CHECK pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b,
                                       pvx_pool *pool, bool quiet, struct pvx_diag *d);
-/* What was found in a picture, into it; corners are copied. */
+/* Store in the picture what was found in it.  The corners are copied. */
 PVX_MUST_CHECK pvx_err calibrate_keep(struct calibrate_picture *p, const struct rec_board_sight *s);
-/* The views and the counts, from pictures that were looked at; once.  Errors as calibrate_look. */
+/* Fill in the views and the counts from pictures that were looked at.  Call it once.  Errors as calibrate_look. */
 PVX_MUST_CHECK pvx_err calibrate_look_count(struct calibrate_look *l, struct pvx_diag *d);
 void calibrate_look_fini(struct calibrate_look *l);
 #endif

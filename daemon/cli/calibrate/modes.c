@@ -8,7 +8,7 @@
 
 /* ---- declared ---- */
 
-/* As calibrate_parse_numbers, of whole numbers 0..most. */
+/* As calibrate_parse_numbers, but only whole numbers 0..most. */
 static const char *modes_read_numbers(const char *s, size_t n, int32_t most, int32_t *out)
 {
     double v[4];
@@ -77,7 +77,7 @@ static bool modes_is(const struct calibrate_picture *p, int32_t width, int32_t h
     return p->width == width && p->height == height;
 }
 
-/* Size of the whole picture after binning; what is declared must fit it. */
+/* Find the size of the whole picture after binning.  The declared region must fit into it. */
 static pvx_err modes_whole(struct calibrate_look *l, size_t c, struct pvx_diag *d)
 {
     struct rec_calib_camera *k = &l->camera[c];
@@ -93,7 +93,7 @@ static pvx_err modes_whole(struct calibrate_look *l, size_t c, struct pvx_diag *
         }
     }
     if (w == 0)
-        return PVX_OK; /* none can be read, which is told elsewhere */
+        return PVX_OK; /* no picture can be read: another check reports it */
     k->width = w / m->binning;
     k->height = h / m->binning;
     if (k->width < 1 || k->height < 1)

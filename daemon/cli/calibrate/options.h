@@ -1,7 +1,7 @@
 /* options.h - the options that `calibrate solve` and `calibrate live` share, as an argp child.
  *
- * A command lists calibrate_options among its children and hands over the struct in ARGP_KEY_INIT, as with
- * opt_rig.h.  Strings point into argv. */
+ * A command lists calibrate_options among its children and hands over a struct calibrate_args in ARGP_KEY_INIT, as
+ * with opt_rig.h.  Strings point into argv. */
 #ifndef CALIBRATE_OPTIONS_H
 #define CALIBRATE_OPTIONS_H
 #include <argp.h>
@@ -24,7 +24,7 @@ struct calibrate_args {
     const char *report[CALIBRATE_REPORTS];
     const char *measured[CALIBRATE_MEASURED], *up_camera; /* NULL: the first */
     size_t n_measured, n_reports;
-    struct calibrate_names add, recover; /* cameras among others that stay as they are in `keep` */
+    struct calibrate_names add, recover; /* cameras to solve; the others stay as in `keep` */
     double volume[6], up[3];
     int32_t voxels[3]; /* 0: auto */
     int64_t floor, threads;
@@ -38,7 +38,8 @@ struct calibrate_args {
 
 extern const struct argp calibrate_options;
 
-/* n numbers with commas between them.  Returns the camera's name after one more comma, "" without one; NULL: wrong. */
+/* Read n numbers separated by commas.  Returns the camera's name after one more comma, "" without one; NULL:
+ * wrong. */
 const char *calibrate_parse_numbers(const char *s, size_t n, double *out);
 
 #endif

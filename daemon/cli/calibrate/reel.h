@@ -1,10 +1,10 @@
-/* reel.h - the pictures of one camera one after the other, of a video or a take, and which of them are worth
- * looking at.
+/* reel.h - read the pictures of one camera in order, from a video or a take, and choose which are worth looking at.
  *
- * A board that is carried about is sharp, and in the same place for cameras that differ by a part of a frame, only while
- * it stands still; and a view that is there already adds nothing.  So of every N instants that one is looked at in
- * which the least moves: the sum over cameras of how much the picture differs from the one before and the one after
- * (the larger of the two), in units of what that camera's pictures differ on average. */
+ * A board that is carried about is sharp only while it stands still.  Only then do cameras that are apart by a part
+ * of a frame see it in the same place.  A view that exists already adds nothing.  So of every N instants only the one
+ * with the least motion is looked at.  The motion of an instant is a sum over the cameras.  Each camera adds the
+ * difference of its picture from the one before or after, the larger of the two, over the average difference of its
+ * pictures. */
 #ifndef CALIBRATE_REEL_H
 #define CALIBRATE_REEL_H
 #include "capture/files/imgio.h"
@@ -26,24 +26,26 @@ struct calibrate_reel {
 /* Errors: the file's. */
 PVX_MUST_CHECK pvx_err calibrate_reel_open(struct calibrate_reel *r, const struct calibrate_look *l,
                                            size_t camera, struct pvx_diag *d);
-/* The picture of this number, of a video not below that of the last call; borrowed until the next call, never JPEG.
- * Errors: PVX_ECLOSED: the video ends before it; PVX_ENOENT: the take's set lacks it; what is wrong with it. */
+/* Read the picture of this number.  In a video numbers must not go back.  The picture is borrowed until the next call
+ * and never JPEG.  Errors: PVX_ECLOSED: the video ends before it; PVX_ENOENT: the take's set lacks it; those of
+ * reading. */
 PVX_MUST_CHECK pvx_err calibrate_reel_read(struct calibrate_reel *r, uint32_t number,
                                            struct cap_image *img, struct pvx_diag *d);
 void calibrate_reel_close(struct calibrate_reel *r);
 
-/* How much each of n instants differs from the one before, for one camera: >= 0; NAN: there is nothing to compare with;
- * CALIBRATE_LACKS: it has no picture. */
+/* How much each of n instants of one camera differs from the one before: >= 0.  NAN: there is nothing to compare
+ * with.  CALIBRATE_LACKS: the camera has no picture. */
 #define CALIBRATE_LACKS (-1.0f)
 struct calibrate_motion {
     size_t n;
     float *of;
 };
-/* Of every `every` instants the one in which the least moves over all cameras, ascending; an instant that a camera lacks
- * counts as if it moved four times as much as usual there.  at: room for n / every + 1.  Returns how many. */
+/* Of each `every` successive instants choose the one with the least motion over all cameras.  An instant that a
+ * camera lacks counts as four times that camera's average.  at: the chosen, ascending, room for n / every + 1.
+ * Returns how many. */
 size_t calibrate_choose(const struct calibrate_motion *m, size_t cameras, size_t every, size_t *at);
 
-/* All reels gone through, the pictures to be looked at listed in l.  Independent of the number of threads.
+/* Read all reels and list in l the pictures to look at.  The result does not depend on the number of threads.
  * Errors: PVX_ECANCELED (Ctrl-C); PVX_EINVAL: videos of different rates; the files'. */
 PVX_MUST_CHECK pvx_err calibrate_survey(struct calibrate_look *l, pvx_pool *pool, bool quiet,
                                         struct pvx_diag *d);

@@ -1,4 +1,4 @@
-/* resolve.c - the solver of `calibrate live`: what is there, again and again. */
+/* resolve.c - the solver thread of `calibrate live`: it solves again whenever there are more pictures. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,7 +16,7 @@ struct snapshot {
     size_t poses;
 };
 
-/* Under the lock; corners are borrowed, they stay. */
+/* Under the lock.  Corners are borrowed: pictures are never changed. */
 static pvx_err resolve_snapshot(const struct live *l, struct snapshot *s)
 {
     const struct calibrate_look *k = &l->job.look;
@@ -46,7 +46,7 @@ static pvx_err resolve_snapshot(const struct live *l, struct snapshot *s)
     }
     struct rec_calib_options *o = &s->in.options;
     o->brief = true;
-    o->n_measured = 0; /* for the end; it may name cameras that are not in yet */
+    o->n_measured = 0; /* only the final solve uses them: they may name cameras not joined yet */
     if (o->world == REC_WORLD_UP && g.group[o->up_camera] != 0)
         o->world = REC_WORLD_BEST;
     else if (o->world == REC_WORLD_UP)

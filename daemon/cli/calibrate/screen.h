@@ -1,5 +1,5 @@
-/* screen.h - what `calibrate live` shows: a screen on a terminal, elsewhere a line whenever a
- * picture was taken or there is a new solution. */
+/* screen.h - the display of `calibrate live`.  On a terminal it is a screen.  Elsewhere it is a line for each picture
+ * taken and each new solution. */
 #ifndef CALIBRATE_SCREEN_H
 #define CALIBRATE_SCREEN_H
 #include "daemon/cli/calibrate/watch.h"

@@ -47,7 +47,7 @@ static uint32_t root_of(const uint32_t *up, uint32_t c)
     return c;
 }
 
-/* Groups by size, the largest is 0; as large: the one with the lower camera. */
+/* Number the groups by size: the largest is 0.  Of two equal groups the one with the lowest camera comes first. */
 static void number_groups(const uint32_t *up, size_t n, struct calibrate_graph *g)
 {
     size_t size[REC_MAX_CAMERAS] = {0};

@@ -33,7 +33,7 @@ struct thumb {
     bool compares;
 };
 
-/* The picture in few bins; what does not fill a bin is cut off.  False: it cannot be read. */
+/* Shrink the picture to few bins.  Pixels that do not fill a bin are cut off.  False: the picture cannot be read. */
 static bool survey_shrink(struct thumb *t, const struct cap_image *img)
 {
     int32_t longer = img->width > img->height ? img->width : img->height;
@@ -143,7 +143,7 @@ static void survey_camera(void *ctx, size_t c)
 
 /* ---- what is chosen ---- */
 
-/* The larger of the differences from its neighbours, over the average; LACK: not there. */
+/* The larger difference from its two neighbours, over the average.  LACK: there is no picture. */
 static double restless(const struct calibrate_motion *m, double mean, size_t k)
 {
     if (k >= m->n || m->of[k] == CALIBRATE_LACKS)
@@ -188,7 +188,7 @@ size_t calibrate_choose(const struct calibrate_motion *m, size_t cameras, size_t
     return chosen;
 }
 
-/* The instant that is looked at in any case, into its place. */
+/* Insert in order the instant that is looked at in any case. */
 static size_t include(const struct calibrate_look *l, size_t n, size_t *at, size_t chosen)
 {
     size_t k = 0, to = 0;

@@ -14,7 +14,7 @@
 
 #define FULL 0.999f /* of full scale: clipped */
 
-/* What the watcher keeps of one camera. */
+/* The watcher's state of one camera. */
 struct live_eye {
     rec_board_detector *det;
     cap_jpeg *jpeg;
@@ -55,7 +55,7 @@ static pvx_err watch_room(struct live_eye *k, const struct cap_image *img)
     return k->samples == NULL || k->level == NULL ? PVX_ENOMEM : PVX_OK;
 }
 
-/* Grey of as many bits as a file keeps, so that `calibrate solve` finds the same corners in the file. */
+/* Convert to grey with the bits that a file keeps, so that `calibrate solve` finds the same corners in the file. */
 static pvx_err to_grey(struct live_eye *k, const struct cap_image *raw)
 {
     static const struct cap_convert_params grey = {.binning = 1, .nch = 1};
@@ -71,7 +71,7 @@ static pvx_err to_grey(struct live_eye *k, const struct cap_image *raw)
     PVX_TRY(cap_bin(&img, 1, 1, 0, img.height, k->level));
     for (size_t i = 0; i < n; i++) {
         float v = k->level[i] * (bytes ? 255.0f : 65535.0f) + 0.5f, top = bytes ? 255 : 65535;
-        v = v > 0 ? fminf(v, top) : 0; /* not a number: black */
+        v = v > 0 ? fminf(v, top) : 0; /* NaN becomes black */
         if (bytes)
             ((uint8_t *)k->samples)[i] = (uint8_t)v;
         else
@@ -132,7 +132,7 @@ static void watch_gather(const struct live *l, bool still, struct rec_board_view
         out[c] = still ? l->eye[c].still : l->eye[c].view;
 }
 
-/* The board begins to stand still here. */
+/* Remember where the board is now: a later set is compared with this one. */
 static void anchor(struct live *l)
 {
     for (size_t c = 0; c < l->job.look.n_cameras; c++) {
@@ -144,7 +144,7 @@ static void anchor(struct live *l)
     }
 }
 
-/* This pose is one of those that were taken; under the lock. */
+/* Whether this pose was taken before.  Under the lock. */
 static bool watch_known(const struct live *l, const struct rec_board_view *now)
 {
     const struct calibrate_look *k = &l->job.look;
@@ -224,7 +224,7 @@ static void watch_save(void *ctx, size_t c)
                            k->grey.fmt == CAP_GREY8 ? 8 : 16, &k->d);
 }
 
-/* Under the lock; as calibrate_look would have it of the file. */
+/* Add the set's pictures as calibrate_look would after reading their files.  Under the lock. */
 static pvx_err watch_add(struct live *l, uint32_t frame)
 {
     struct calibrate_look *k = &l->job.look;

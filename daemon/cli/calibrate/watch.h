@@ -1,12 +1,11 @@
-/* watch.h - one `calibrate live`: what its threads share.
+/* watch.h - what the threads of `calibrate live` share.
  *
- * Main thread: takes frame sets from capture, hands the newest to the watcher (one that waits there is
- * displaced and counted), draws.  Watcher (watch.c): finds the board in every picture of the set,
- * on as many threads as --threads says; when it stands still in a new pose, saves the pictures.  Solver
- * (resolve.c): solves what is there whenever there is more.  So nothing waits for anything that
- * takes long, capture least of all.
- * `lock` guards everything below it; pictures are added, never changed, so that corners outlive the lock, and
- * are in the order of their numbers. */
+ * Main thread: takes frame sets from capture, hands the newest to the watcher, and draws.  A set that still waits for
+ * the watcher is replaced and counted.  Watcher (watch.c): finds the board in every picture of the set, on as many
+ * threads as --threads says.  When the board stands still in a new pose, it saves the pictures.  Solver (resolve.c):
+ * solves again whenever there are more pictures.  So no thread waits for slow work, least of all capture.
+ * `lock` guards everything below it.  Pictures are only added and never changed, so borrowed corners stay valid after
+ * the lock is released.  Pictures are in the order of their numbers. */
 #ifndef CALIBRATE_WATCH_H
 #define CALIBRATE_WATCH_H
 #include <pthread.h>
@@ -18,7 +17,7 @@
 
 #define LIVE_PLACES 48 /* 8 x 6 over the picture */
 
-/* What a camera showed last, and all that was taken of it. */
+/* A camera's latest picture, and all pictures taken of it so far. */
 struct live_camera {
     bool seen, running;
     enum rec_sight outcome;
@@ -36,17 +35,17 @@ enum live_now {
     LIVE_UNSEEN,  /* no camera sees the board */
     LIVE_MOVING,
     LIVE_STILL,   /* but not for long enough */
-    LIVE_ALONE,   /* the first picture wants two cameras that see the board */
+    LIVE_ALONE,   /* the first pose needs two cameras that see the board */
     LIVE_MISSING, /* a camera that runs is not in the set */
     LIVE_KNOWN,   /* this pose was taken before */
     LIVE_TAKEN
 };
 
-/* The last solve, of the largest group of cameras that poses join. */
+/* The last solve.  It is of the largest group of cameras that poses join. */
 struct live_result {
     bool there;
     pvx_err e;
-    struct pvx_diag d; /* why not */
+    struct pvx_diag d; /* why it failed */
     size_t n, poses;
     uint32_t of[REC_MAX_CAMERAS]; /* [n] camera of the rig -> camera of `look` */
     struct rec_rig rig;
@@ -73,7 +72,7 @@ struct live {
     struct pvx_diag d;
     struct calibrate_job job; /* .look: the pictures */
     struct cap_set *inbox;
-    uint64_t looks, skipped, dropped; /* dropped: in capture, the same way */
+    uint64_t looks, skipped, dropped; /* sets: looked at, replaced here, replaced in capture */
     enum live_now now;
     uint32_t missing;    /* LIVE_MISSING: camera of look */
     uint32_t next_frame; /* number */
@@ -85,12 +84,12 @@ struct live {
     struct live_result result;
 };
 
-/* The threads; stop joins those that were started.  Before: a, frames, cams, look_of, pool, job, lock, wake. */
+/* Start the threads; stop joins the started ones.  Set before: a, frames, cams, look_of, pool, job, lock, wake. */
 PVX_MUST_CHECK pvx_err live_start(struct live *l, struct pvx_diag *d);
 void live_stop(struct live *l);
-/* The newest set; takes the reference. */
+/* Hand the newest set to the watcher.  Takes the reference. */
 void live_offer(struct live *l, struct cap_set *s);
-/* What was taken before, into the counts. */
+/* Compute the counts anew from all pictures. */
 void live_count(struct live *l);
 
 void *live_solve(void *ctx); /* resolve.c: the solver's thread */

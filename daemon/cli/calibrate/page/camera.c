@@ -41,8 +41,8 @@ double report_enlargement(const struct calibrate_result *r)
     return report_round(fmax(TYPICAL / each[n / 2], 1e-3));
 }
 
-/* Whether the picture's corners count, and their residuals (NULL: none): of views that were used; where there is no rig,
- * all that were found. */
+/* Whether the picture's corners count, and their residuals (NULL: none).  With a rig, corners of used views count.
+ * Without a rig, all that were found count. */
 static bool camera_counts(const struct calibrate_result *r, const struct calibrate_picture *p,
                           const float **residual)
 {
@@ -123,7 +123,7 @@ static void arrow(const struct drawing *g, double x, double y, double dx, double
                 -0.35 * dx + 0.22 * dy, -0.35 * dy - 0.22 * dx);
 }
 
-/* Of those that are too long to be drawn, or of the others; of these every step-th. */
+/* Draw every step-th arrow of those that are too long (far), or of the others. */
 static void camera_arrows(const struct drawing *g, const struct misses *m, bool far, size_t step)
 {
     size_t k = 0;
@@ -147,7 +147,7 @@ static int by_dy(const void *a, const void *b)
     return x->cell != y->cell ? x->cell - y->cell : pvx_ascending(&x->dy, &y->dy);
 }
 
-/* What repeats by the place in the picture, which wrong corners do not move; m is put in another order. */
+/* Draw the median residual of each cell: single wrong corners do not move it.  Changes the order of m. */
 static void medians(const struct drawing *g, struct misses *m, const struct rec_calib_camera *k)
 {
     double dx[MX * MY] = {0};

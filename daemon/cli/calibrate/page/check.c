@@ -74,7 +74,7 @@ static pvx_err bitmap(FILE *f, const struct rec_check_picture *q, double height)
 
 /* ---- what is drawn over it ---- */
 
-/* The border between bins with and without, along the bins' edges. */
+/* Outline of the hull: it follows the edges of the bins. */
 static void outline(FILE *f, const struct rec_check_picture *q, double unit)
 {
     float top = 0;
@@ -104,7 +104,7 @@ static double weightiest(const struct rec_lattice *l)
     return most;
 }
 
-/* Windows that say enough, as arrows from where the flame should be. */
+/* Draw windows of enough weight as arrows that start where the flame should be. */
 static void check_arrows(FILE *f, const struct rec_lattice *l, double height, double scale)
 {
     double most = weightiest(l), w, d[2];
@@ -124,7 +124,7 @@ static void check_arrows(FILE *f, const struct rec_lattice *l, double height, do
     }
 }
 
-/* How many times longer than in the picture: one round number for all cameras, of the worst that can be shown. */
+/* The factor that lengthens the arrows: one round number for all cameras, set by the largest shift that is drawn. */
 static double enlargement(const struct check_result *r)
 {
     double worst = 0.2;

@@ -10,7 +10,7 @@
 #define WIDEST 8.0
 #define TURN   6.283185307179586
 
-/* Place on the ring of each camera: by the direction in which it stands, or as they are listed. */
+/* Place of each camera on the ring: by the direction in which it stands.  Without a rig: in the order of the list. */
 static void pairs_order(const struct calibrate_result *r, size_t place[REC_MAX_CAMERAS])
 {
     size_t n = r->look->n_cameras;
@@ -35,7 +35,7 @@ static void pairs_order(const struct calibrate_result *r, size_t place[REC_MAX_C
     }
 }
 
-/* On the ring, `out` times as far from its middle; counterclockwise from the right, as x and y of the world. */
+/* Position at `out` times the ring's radius.  Places go counterclockwise from the right, as x and y of the world. */
 static void spot(size_t place, size_t n, double out, double at[2])
 {
     double a = TURN * (double)place / (double)n;
@@ -43,7 +43,7 @@ static void spot(size_t place, size_t n, double out, double at[2])
     at[1] = -out * RING * sin(a);
 }
 
-/* A pair that the rig hangs on, by too few poses. */
+/* Whether the rig depends on this pair, but too few poses join it. */
 static bool weak(const struct rec_calib_pair *p)
 {
     return p->in_tree && p->common < REC_CALIB_JOINT;
@@ -66,7 +66,7 @@ static void pairs_edge(FILE *f, const struct rec_calib_pair *p, const size_t pla
     fprintf(f, "><title>%u common poses</title></line>\n", p->common);
 }
 
-/* In the middle of its edge; opposite ones would all be at the same place. */
+/* In the middle of the edge.  Labels of opposite cameras would all be in one place, so they are moved along it. */
 static void edge_label(FILE *f, const struct rec_calib_pair *p, const size_t place[REC_MAX_CAMERAS],
                        size_t n)
 {

@@ -128,14 +128,14 @@ static void rig_volume(const struct drawing *g, const struct rec_grid *v)
             lo[0], hi[1], hi[0] - lo[0], lo[1] - hi[1]);
 }
 
-/* Beside the camera, away from the middle; below one that is there already. */
+/* Draw a name beside the camera, away from the middle.  It goes below a name that is there already. */
 static void rig_name(struct drawing *g, const char *text, const double at[2])
 {
     double away = at[0] < WIDTH / 2 ? -1 : 1, y = at[1] - 7;
     for (size_t i = 0; i < g->labels; i++)
         if (fabs(g->label[i][0] - at[0]) < 60 && fabs(g->label[i][1] - y) < 12) {
             y = g->label[i][1] + 12.5;
-            i = (size_t)-1; /* from the first again: y only grows */
+            i = (size_t)-1; /* begin with the first again; ends because y only grows */
         }
     g->label[g->labels][0] = at[0];
     g->label[g->labels++][1] = y;
