@@ -4,7 +4,7 @@
 #define RECONSTRUCT_ABSORB_H
 #include "daemon/cli/reconstruct/options.h"
 
-/* *c: 0 where nothing absorbs.  Errors: those of flame_sets_load and rec_absorption_find. */
+/* *c: 0 if nothing absorbs.  Errors: those of flame_sets_load and rec_absorption_find. */
 PVX_MUST_CHECK pvx_err reconstruct_absorb(const struct reconstruct_options *o, double *c,
                                           struct pvx_diag *d);
 

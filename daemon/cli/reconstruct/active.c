@@ -12,7 +12,7 @@
 size_t reconstruct_spread(size_t k, size_t n)
 {
     size_t step = n < 3 ? 1 : (size_t)(0.618 * (double)n);
-    for (;; step++) { /* no divisor in common: all of them, before the first comes again */
+    for (;; step++) { /* step and n without common divisor: all n come before one repeats */
         size_t a = n, b = step, c;
         while (b != 0) {
             c = a % b;
@@ -24,7 +24,8 @@ size_t reconstruct_spread(size_t k, size_t n)
     }
 }
 
-/* The rows of bins that brick i's voxels are in, as part of `slab` or, as surfaces are not even, of one beside it. */
+/* Add the rows of bins that brick i reaches to `slab` and to the slabs beside it: surfaces are not even, so the brick
+ * may belong to a neighbour. */
 static void active_reach(const rec_sysmat *outline, size_t i, size_t slab,
                          struct reconstruct_seen *out)
 {
@@ -115,7 +116,7 @@ static double active_share_of(const struct rec_rig *rig, const struct rec_active
     return 100 * (double)e->columns / (double)rec_grid_count(&rig->grid);
 }
 
-/* Marked, estimated and said, or refused. */
+/* Mark, estimate and print the active part, or refuse it. */
 static pvx_err active_prepare(const struct reconstruct_options *o,
                               const struct reconstruct_look *all, const struct rec_rig *rig,
                               double room, rec_sysmat *outline, struct pvx_diag *d)
@@ -173,7 +174,7 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
         .in = in, .params = p, .background = o->background, .pool = pool, .quiet = o->quiet};
     PVX_TRY(rec_sysmat_outline(rig, &r, pool, (struct rec_progress){cli_progress, &bricks},
                                &outline, d));
-    /* the whole one would be there once for all processes of a node, a part is each one's own */
+    /* processes of a node share the whole matrix, but each has its own active part */
     pvx_err e = active_prepare(o, &all, rig, room / o->node_n, outline, d);
     if (e == PVX_OK)
         e = rec_sysmat_build_active(rig, &outline, pool, progress, out, d);

@@ -13,12 +13,12 @@
 
 struct fit {
     struct silhouettes see;
-    bool said; /* that all is lit */
+    bool said; /* the warning that all is lit was printed */
     uint32_t sets, left_out[REC_MAX_CAMERAS];
-    uint8_t why[REC_MAX_CAMERAS]; /* of the last of them */
+    uint8_t why[REC_MAX_CAMERAS]; /* reason of the last time */
 };
 
-/* Set i's silhouettes into the fit; whether any camera saw flame. */
+/* Add set i's silhouettes to the fit.  Returns whether any camera saw flame. */
 static bool fit_look(struct fit *f, size_t i, rec_fit *fit)
 {
     struct silhouettes *see = &f->see;
@@ -42,8 +42,7 @@ static bool fit_look(struct fit *f, size_t i, rec_fit *fit)
     return light > 0;
 }
 
-/* A set that lacks a camera has a larger hull than it should: such sets count only when there are no
- * others. */
+/* List the sets to use.  A set that lacks a camera has too large a hull, so it is used only if no set is complete. */
 static size_t candidates(const struct frames_in *in, size_t *set)
 {
     size_t n = 0;
@@ -55,8 +54,8 @@ static size_t candidates(const struct frames_in *in, size_t *set)
     return n > 0 ? n : in->n;
 }
 
-/* Up to `most` sets (0 = all) spread over the recording, first and last among them; *with_light =
- * those in which some camera saw flame. */
+/* Look at up to `most` sets (0 = all), spread over the recording with first and last.  *with_light: the number of
+ * sets in which some camera saw flame. */
 static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool quiet,
                             size_t *with_light)
 {
@@ -110,8 +109,7 @@ static double fit_share_of(const double min[3], const double max[3], const struc
     return share;
 }
 
-/* Would the box be much smaller without what few cameras see?  Then say so, with the fewest views that
- * do it. */
+/* If the box would be much smaller without the parts that few cameras see, print the least --min-views for that. */
 static void advise_views(const rec_fit *fit, double margin, const struct rec_grid *whole,
                          uint32_t asked, size_t cameras, const struct rec_fit_box *box)
 {
@@ -153,7 +151,7 @@ static void fit_describe(const struct rec_grid *whole, const struct rec_grid *g,
                 list);
 }
 
-/* The grid on the box found, as --grid says, into the rig; and what there is to say about it. */
+/* Set the rig's grid to the box found, with voxels as --grid says, and print notes about it. */
 static pvx_err use_box(const struct reconstruct_options *o, const rec_fit *fit,
                        const struct rec_fit_box *box, size_t of, double seconds,
                        struct rec_rig *rig, struct pvx_diag *d)
@@ -180,7 +178,7 @@ static pvx_err use_box(const struct reconstruct_options *o, const rec_fit *fit,
     return PVX_OK;
 }
 
-/* The rig as it is in its file, all cameras, with the fitted volume. */
+/* Save the rig as it is in its file, with all cameras, but with the fitted volume. */
 static pvx_err save_rig(const char *from, const char *path, const struct rec_grid *g,
                         struct pvx_diag *d)
 {
@@ -192,7 +190,7 @@ static pvx_err save_rig(const char *from, const char *path, const struct rec_gri
     return e;
 }
 
-/* The silhouettes' bins: those that the reconstruction on the rig's own grid would use. */
+/* Bins of the silhouettes are those of a reconstruction on the rig's own grid. */
 static pvx_err fit_choose_binning(const struct reconstruct_options *o, struct frames_in *in,
                                   struct pvx_diag *d)
 {

@@ -18,8 +18,8 @@ static bool any_lit(const struct rec_sparse *v)
     return q < v->n;
 }
 
-/* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
- * fitted to had none there. */
+/* Whether flame touches a side of the fitted box that is not also a side of the rig's box.  The frames that the box
+ * was fitted to had no flame there. */
 static bool reaches_side(const struct rec_sparse *v, const struct rec_grid *whole)
 {
     const struct rec_grid *g = v->grid;

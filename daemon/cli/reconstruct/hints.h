@@ -1,14 +1,14 @@
-/* hints.h - warnings about the volumes of a recording, printed once at its end with the remedy: all volumes are empty,
- * the deadline allowed no iteration, or the flame reaches the sides of a fitted box. */
+/* hints.h - warnings about the volumes of a recording, printed once at its end with the remedy: all volumes are
+ * empty, the deadline allowed no iteration, or the flame reaches the sides of a fitted box. */
 #ifndef RECONSTRUCT_HINTS_H
 #define RECONSTRUCT_HINTS_H
 #include "daemon/cli/reconstruct/options.h"
 
 struct reconstruct_hints {
     unsigned volumes;
-    unsigned empty; /* of them, without a voxel of light */
+    unsigned empty; /* volumes without a voxel of light */
     unsigned dark;  /* without one iteration before the deadline */
-    unsigned cut;   /* flame at a side of the fitted box */
+    unsigned cut;   /* with flame at a side of the fitted box */
 };
 
 /* Count a volume.  whole: the rig's box if the volume was fitted, or NULL. */

@@ -13,7 +13,7 @@
 #include "daemon/volumes/bricks.h"
 #include "daemon/volumes/join.h"
 
-#define SEAM_WRONG 0.02 /* of the volume: more than a few sets' memory leaves */
+#define SEAM_WRONG 0.02 /* of the volume: the early sets leave a smaller difference */
 
 bool reconstruct_join_has_job(const char *out)
 {
@@ -59,7 +59,7 @@ static bool join_load_set(const char *path, uint64_t set, bool last, float **den
     return *dense != NULL;
 }
 
-/* ||a - b|| / ||b|| of the set before part i, as this part has it and as the part before; < 0: not known. */
+/* ||a - b|| / ||b|| of the set before part i.  a: as part i has it, b: as the part before has it.  < 0: not known. */
 static double seam(const struct parts_job *j, unsigned i)
 {
     char here[4500], before[4500];
@@ -98,11 +98,11 @@ static void say_part(unsigned i, const struct part_status *s, double off)
                i - 1, 100 * off);
 }
 
-/* What the table comes to. */
+/* Totals of the table. */
 struct sum {
     unsigned done, running;
-    double left, rate;       /* sets of parts that run or will; a second, by those that run */
-    double elapsed, slowest; /* s: of all; until the last of those that run has ended */
+    double left, rate;       /* sets still to solve; sets a second of the running parts */
+    double elapsed, slowest; /* s: of all parts; until the last running part has ended */
     double seam;             /* the worst; < 0: none is known */
     bool by[PVX_CPU_BEST + 1];
 };
@@ -118,12 +118,12 @@ static void join_count(struct sum *sum, const struct part_status *s, double off)
     sum->running += running;
     sum->rate += running ? s->sets_per_s : 0;
     if (running)
-        sum->slowest = fmax(sum->slowest, left / s->sets_per_s); /* of none yet: not finite */
+        sum->slowest = fmax(sum->slowest, left / s->sets_per_s); /* no set done yet: not finite */
     for (int k = 0; k <= PVX_CPU_BEST && s->done > 0; k++)
         sum->by[k] |= strstr(s->kernels, pvx_cpu_name((enum pvx_cpu)k)) != NULL;
 }
 
-/* A line for each part that is not done; if there are few parts, for all. */
+/* Print a line for each part that is not done.  If there are few parts, print a line for all. */
 static void join_table(const struct parts_job *j, struct sum *sum)
 {
     struct part_status s;
@@ -138,7 +138,7 @@ static void join_table(const struct parts_job *j, struct sum *sum)
     }
 }
 
-/* From durations alone, because the clocks of two nodes may differ. */
+/* Print when it will end.  It uses only durations, because the clocks of two nodes may differ. */
 static void say_end(const struct sum *sum)
 {
     char in[32];

@@ -53,7 +53,7 @@ static double bytes_of_level(const rec_sysmat *m)
            (double)rec_brick_places(&m->grid) * (double)m->n_cameras * sizeof *m->block[0].fp;
 }
 
-/* names NULL: the file does not hold them.  Footprints that are seen, in all. */
+/* Print the table of cameras.  names NULL: the file has no names.  Returns the number of footprints that are seen. */
 static double matrix_print_cameras(const rec_sysmat *m, const struct rec_rig *names)
 {
     size_t N = rec_grid_count(&m->grid);
@@ -118,7 +118,7 @@ static int matrix_check(const char *path, pvx_pool *pool)
     return 0;
 }
 
-/* Where --out points at must be writable, or the work would be for nothing. */
+/* Check beforehand that the folder of --out is writable. */
 static pvx_err check_writable(const char *out, struct pvx_diag *d)
 {
     char dir[4096];
@@ -131,7 +131,7 @@ static pvx_err check_writable(const char *out, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Progress that notes when building ended and saving began. */
+/* Progress that records the time at which building ended and saving began. */
 struct watch {
     struct cli_progress bar;
     int64_t built;
@@ -179,7 +179,7 @@ static int matrix_build(const struct options *o, const struct rec_rig *rig, pvx_
     if (done)
         return 0;
     t0 = pvx_now_mono();
-    e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log has said why it is not there */
+    e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log says why it was not saved */
     if (e != PVX_OK)
         return cli_error(&d, e);
     printf("%-18s %.0f ms\n", "opened in", cli_seconds_since(t0) * 1e3);

@@ -23,7 +23,7 @@ double reconstruct_whole(const struct rec_rig *rig, const struct rec_sysmat_para
 {
     const struct rec_grid *g = &rig->grid;
     double at_most = 0, slots = (double)((rig->n_cameras + 3) / 4 * 4);
-    for (size_t c = 0; c < rig->n_cameras; c++) { /* a voxel's side in bins, where it is the most */
+    for (size_t c = 0; c < rig->n_cameras; c++) { /* largest side of a voxel in bins */
         const struct rec_camera *k = &rig->cameras[c];
         double x[3], d2 = 0, h = 0;
         rec_camera_centre(k, x);
@@ -40,13 +40,12 @@ double reconstruct_whole(const struct rec_rig *rig, const struct rec_sysmat_para
     return voxels * (cameras * (5 * entries + sizeof(struct rec_rect) + more) + slots * 16);
 }
 
-/* What a set's work areas are as large as. */
+/* The sizes on which a set's work areas depend. */
 struct size {
     double n, bins, voxels; /* active voxels, bins, voxels */
     double lane;            /* bytes of a bin or voxel */
-    double
-        of_channels; /* bytes of a bin where each channel has its weight, with Bayer pixels as rays */
-    double windows; /* bytes of a voxel's */
+    double of_channels;     /* bytes of a bin for a weight per channel, if Bayer pixels are rays */
+    double windows;         /* bytes of a voxel's windows */
 };
 
 /* A problem's vectors (recon/solve/problem.c). */
@@ -102,9 +101,9 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
     out->most = out->base + fmax(out->look, fmax(out->build, run));
 }
 
-/* ---- what there is ---- */
+/* ---- memory that is free ---- */
 
-/* The number in the first line of a file, after `key`; INFINITY: there is none. */
+/* The number after `key` in the first line of a file that begins with key.  INFINITY: there is none. */
 static double memory_number_in(const char *path, const char *key)
 {
     char line[256];
@@ -124,7 +123,7 @@ static double memory_number_in(const char *path, const char *key)
     return v;
 }
 
-/* What the limits of this process' cgroup and of those above it leave. */
+/* The memory that the limits of this process's cgroup and of the cgroups above it leave. */
 static double free_in_cgroup(void)
 {
     char line[1024], path[1280];

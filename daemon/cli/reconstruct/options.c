@@ -124,7 +124,7 @@ static void parse_array(struct argp_state *st, const char *arg, struct reconstru
         argp_error(st, "--array: '%s' should be I/N: part I, from 1, of N", arg);
 }
 
-/* What goes with what, where volumes go into one file. */
+/* Refuse options that do not go together, where volumes go into one file. */
 static void check_parts(struct argp_state *st, struct reconstruct_options *o)
 {
     o->recording = o->out != NULL && vol_hdf5_name(o->out);
@@ -220,7 +220,7 @@ static char *help_text(int key, const char *text, void *input)
     return strdup(list);
 }
 
-/* Options that do not change the volumes.  The first ABOUT_JOBS of them only choose which process solves which part. */
+/* Options that do not change the volumes.  The first ABOUT_JOBS only choose which process solves which part. */
 static const struct aside {
     const char *name;
     int words; /* with its value, if that is not joined by = */
@@ -230,7 +230,7 @@ static const struct aside {
               {"--frames", 2}};
 #define ABOUT_JOBS 5
 
-/* argp takes beginnings of names too. */
+/* Words of an option of asides[0..n), 0: it is none.  argp also takes beginnings of names. */
 static int aside(const char *arg, size_t n)
 {
     size_t len = strcspn(arg, "=");
@@ -245,7 +245,7 @@ int reconstruct_about_jobs(const char *arg)
     return aside(arg, ABOUT_JOBS);
 }
 
-/* Both name one option, whole or by its beginning. */
+/* Whether both name one option, by its whole name or its beginning. */
 static bool same_option(const char *a, const char *b)
 {
     size_t n = strcspn(a, " \n"), m = strcspn(b, " \n");
@@ -257,8 +257,8 @@ static int by_text(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-/* "--grid 64" and "--grid=64" are one line, in whatever order they were said; of one that is said twice the last counts, as
- * it does for the parser. */
+/* The options as sorted lines.  "--grid 64" and "--grid=64" give the same line.  If an option is given twice, the
+ * last one counts, as it does for the parser. */
 static char *reconstruct_said(int argc, char **argv)
 {
     char **line = calloc((size_t)argc, sizeof *line), *all = calloc(1, 1);

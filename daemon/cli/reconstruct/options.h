@@ -1,4 +1,4 @@
-/* options.h - what can be said to `pyrovox reconstruct`. */
+/* options.h - the command line of `pyrovox reconstruct`. */
 #ifndef RECONSTRUCT_OPTIONS_H
 #define RECONSTRUCT_OPTIONS_H
 #include <argp.h>
@@ -22,21 +22,22 @@ struct reconstruct_options {
     bool find_absorption; /* of frame.absorption */
     int32_t bayer;        /* 0 auto, 1 rays, 2 demosaic */
     double memory;        /* bytes; < 0 = what is free */
-    bool plan;            /* only say what it would take, */
-    double plan_hours;    /* and how many machines for so long; 0 = no matter */
+    bool plan;            /* only predict time, memory and disk */
+    double plan_hours;    /* also predict how many machines finish in it; 0 = do not */
     struct frames_in_reading reading;
     bool recording;       /* out is one HDF5 file, not a folder */
     unsigned part, parts; /* --array; 0: all in one */
     unsigned node_n;      /* processes of it that share this node's memory, at least 1 */
     bool resume, join;
-    unsigned slurm; /* parts to hand to it; 0 = none */
+    unsigned slurm; /* parts to submit to Slurm; 0 = none */
     const char *sbatch;
-    char *said; /* what bears on the volumes, a line an option, sorted; owner: caller, free() */
+    char *said; /* options that change the volumes, one a line, sorted; owner: caller, free() */
 };
 
 /* Exits on wrong usage and on --help. */
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o);
-/* Words that `arg` and its value take when it is about which part is solved where: not for a part's own command. */
+/* The number of words that `arg` and its value take, if it only chooses which process solves which part; otherwise 0.
+ * Such options are left out of a part's own command. */
 int reconstruct_about_jobs(const char *arg);
 
 #endif

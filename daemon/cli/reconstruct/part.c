@@ -13,9 +13,9 @@
 #include "daemon/volumes/join.h"
 
 #define EARLY \
-    5 /* sets: after these the volume no longer depends on the first one of a warm start or temporal term */
+    5 /* sets: after these a volume no longer depends on where a warm start or temporal term began */
 
-/* Hash of the masks, which the rig only names; 0: no masks. */
+/* Hash of the masks' contents, because the rig has only their names.  0: no masks. */
 static uint64_t hash_masks(const struct rec_rig *rig, const dmn_photometry *light)
 {
     uint64_t h = 0;
@@ -36,7 +36,7 @@ static pvx_err hash_background(const char *dir, const struct rec_rig *rig, uint6
         char path[PATH_MAX];
         uint64_t one[2] = {*h, 0};
         if (!frames_in_background_file(dir, rig->cameras[c].name, path, sizeof path))
-            continue; /* said when it is read */
+            continue; /* reported when it is read */
         PVX_TRY(dmn_photometry_hash(path, &one[1], d));
         *h = XXH3_64bits(one, sizeof one);
     }
@@ -84,7 +84,7 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
     return parts_begin(&p->job, d);
 }
 
-/* A take that still grows would be divided differently a moment later. */
+/* Refuse a take that still grows: a moment later it would be divided differently. */
 static pvx_err part_is_whole(const struct reconstruct_options *o, const struct frames_in *in,
                              struct pvx_diag *d)
 {
@@ -108,7 +108,7 @@ pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstr
     PVX_TRY(vol_join_check(o->out, d)); /* not when all is solved */
     PVX_TRY(part_is_whole(o, in, d));
     PVX_TRY(name_job(p, o, rig, in, d));
-    if (o->part == 0) /* only begun, for others (slurm.h) */
+    if (o->part == 0) /* other processes take the parts (slurm.h) */
         return PVX_OK;
     PVX_TRY(part_take(&p->job, o->part, o->resume, &p->nothing, &p->part, d));
     parts_path(&p->job, o->part, "h5", path, sizeof path);
@@ -145,7 +145,7 @@ static pvx_err part_take_over(struct reconstruct_part *p, const struct rec_rig *
         return PVX_OK;
     struct pvx_diag why = {""};
     pvx_err e = volumes_out_copy(p->out, aside, &p->copied, last, &why);
-    if (e == PVX_EFORMAT || e == PVX_ENOENT || e == PVX_ECORRUPT) { /* died before it had begun */
+    if (e == PVX_EFORMAT || e == PVX_ENOENT || e == PVX_ECORRUPT) { /* it died at its beginning */
         fprintf(stderr, "pyrovox: %s; solved again from there\n", pvx_diag_text(&why, e));
         e = PVX_OK;
     }
@@ -171,7 +171,7 @@ pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *
             (unsigned long long)p->copied, in->n - p->early);
     while (own < in->n && in->number[own] <= last)
         own++;
-    if (own == in->n) { /* but to close it */
+    if (own == in->n) { /* all sets are done: the file is only closed */
         frames_in_only(in, 0, 0);
         return PVX_OK;
     }
@@ -180,7 +180,7 @@ pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *
     return PVX_OK;
 }
 
-/* The volume before the part's first one, as this part has it. */
+/* Write the volume before the part's first own one, as this part has it. */
 static pvx_err put_seam(struct reconstruct_part *p, const struct dmn_slot *s,
                         const struct rec_rig *rig, int nch, struct pvx_diag *d)
 {

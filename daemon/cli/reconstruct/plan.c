@@ -17,12 +17,12 @@
 
 #define LOOK_SECONDS 15.0
 #define BUILD_SECONDS \
-    15.0 /* of the matrix that is built: the grid is halved until it takes no more */
+    15.0 /* longest building of the matrix: the grid is halved until it takes no more */
 #define SOLVE_SECONDS 20.0
 #define SETS          8 /* that are solved */
 #define HALVINGS      5
 
-/* What one grid was measured to take. */
+/* Measurements on one grid. */
 struct measure {
     struct rec_rig rig;
     struct rec_sysmat_params p;
@@ -43,7 +43,7 @@ struct plan {
     int halved;
 };
 
-/* As far as the outline, its marks and what its matrix would take. */
+/* Make the outline, mark it and estimate its matrix. */
 static pvx_err plan_look(struct plan *p, struct measure *m, const struct reconstruct_look *how,
                          struct pvx_diag *d)
 {
@@ -63,7 +63,7 @@ static pvx_err plan_look(struct plan *p, struct measure *m, const struct reconst
                                       (struct rec_progress){cli_progress, &estimate}, &m->e, d);
 }
 
-/* The planned grid, halved until its matrix is built in no time, with bins as much larger as they may be. */
+/* Halve the planned grid until its matrix takes at most BUILD_SECONDS.  Bins grow as much, as far as they may. */
 static pvx_err choose_part(struct plan *p, struct pvx_diag *d)
 {
     struct measure *m = &p->part;
@@ -80,7 +80,7 @@ static pvx_err choose_part(struct plan *p, struct pvx_diag *d)
     return rec_sysmat_resolve(&m->rig, &larger, &m->p, d);
 }
 
-/* Into the folder that is planned for. */
+/* Measure the time of writing a volume into the folder that is planned for. */
 static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_frame *f,
                             const float *dense, struct pvx_diag *d)
 {
@@ -99,7 +99,8 @@ static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_f
     return e;
 }
 
-/* Into a file beside the one that is planned for; the second of two, as the first comes with the file. */
+/* Measure the time of writing a volume into a file beside the planned one.  The second volume is timed, because the
+ * first includes making the file. */
 static pvx_err write_recording(const struct plan *p, struct measure *m, const float *dense,
                                struct pvx_diag *d)
 {
@@ -184,9 +185,9 @@ static pvx_err plan_solve(struct plan *p, struct measure *m, struct pvx_diag *d)
     return e;
 }
 
-/* ---- what it comes to ---- */
+/* ---- totals ---- */
 
-/* Each stage: seconds once, seconds of each set, bytes, and where that is from. */
+/* A stage: seconds once, seconds of each set, bytes, and the origin of these numbers. */
 struct stage {
     const char *name;
     double once, each, bytes;

@@ -1,4 +1,4 @@
-/* plan.h - `pyrovox reconstruct --plan`: time, memory and disk of a reconstruction, from a minute of it. */
+/* plan.h - `pyrovox reconstruct --plan`: predict time, memory and disk of a reconstruction from a minute of it. */
 #ifndef RECONSTRUCT_PLAN_H
 #define RECONSTRUCT_PLAN_H
 #include "daemon/cli/reconstruct/options.h"

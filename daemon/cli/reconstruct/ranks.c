@@ -10,7 +10,7 @@ static bool several(const char *name)
     return n != NULL && atoi(n) > 1;
 }
 
-/* As mpirun says it, or srun. */
+/* Whether several processes were started together, from the environment that mpirun or srun sets. */
 static bool one_of_several(void)
 {
     return several("OMPI_COMM_WORLD_SIZE") || several("PMI_SIZE") ||

@@ -1,5 +1,5 @@
-/* reconstruct.c - recorded frames in, one volume per frame set out: the daemon's pipeline,
- * lossless, between frames_in.h and the files that are written here. */
+/* reconstruct.c - `pyrovox reconstruct`: recorded frames in, one volume per frame set out.  It runs the daemon's
+ * pipeline, lossless, between frames_in.h and the files that are written here. */
 #include <cjson/cJSON.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -43,12 +43,12 @@ struct job {
     float *dense;
     cJSON *list; /* of frames, in the report */
     struct cli_progress bar;
-    size_t sets;                    /* that came */
-    struct reconstruct_hints hints; /* of what was written */
-    bool said_lit;                  /* that nearly all of an image is */
+    size_t sets;                    /* received so far */
+    struct reconstruct_hints hints; /* of the volumes written */
+    bool said_lit;                  /* the warning that nearly all is lit was printed */
     struct dmn_votes votes;
-    bool failed;   /* something went wrong, but the others went on */
-    pvx_err error; /* what ended it */
+    bool failed;   /* a set failed, but the others went on */
+    pvx_err error; /* the error that ended the work */
     struct pvx_diag why;
 };
 
@@ -227,7 +227,7 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
                                     : PVX_OK;
 }
 
-/* One process of a node builds it, the others map the file in its cache: it is in memory once. */
+/* One process of a node builds the matrix.  The others map the file in its cache, so it is in memory once. */
 static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
 {
     ranks_first(&j->ranks);
@@ -304,7 +304,7 @@ static void reconstruct_finish(struct job *j)
     rec_rig_fini(&j->rig);
 }
 
-/* After an error or Ctrl-C too the report is written for what was done. */
+/* After an error or Ctrl-C the report is written, too, for the sets that were done. */
 static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
@@ -354,14 +354,14 @@ static int reconstruct_conclude(struct job *j, pvx_err e, struct pvx_diag *d)
         e = reconstruct_part_end(&j->part, e, d);
     if (e == PVX_ECANCELED && cli_stop)
         fprintf(stderr, "pyrovox: stopped\n");
-    if (e == PVX_ECANCELED) /* else: another rank says why */
+    if (e == PVX_ECANCELED) /* without cli_stop another rank failed and prints why */
         return cli_stop ? 130 : 1;
     if (e != PVX_OK)
         return cli_error(d, e);
     return j->failed ? 1 : 0;
 }
 
-/* Threads of one of n ranks on a node that may itself run on so many processors. */
+/* Threads for one of n ranks on a node.  mine: processors that this rank may run on. */
 static unsigned reconstruct_share_of(unsigned mine, unsigned n)
 {
     long all = sysconf(_SC_NPROCESSORS_ONLN);
@@ -388,7 +388,7 @@ static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_dia
     o->part = j->ranks.rank + 1;
     o->parts = j->ranks.n;
     o->node_n = j->ranks.node_n;
-    if (o->rig.threads == 0) /* ranks that share a NUMA domain each may run on all of it */
+    if (o->rig.threads == 0) /* ranks that share a NUMA domain may each run on all of it */
         o->rig.threads = reconstruct_share_of(pvx_cpu_count(), o->node_n);
     o->quiet |= j->ranks.rank > 0;
     return PVX_OK;

@@ -17,7 +17,7 @@
 
 #define SAID 4000
 
-/* A word as the shell takes it back. */
+/* Print a word quoted so that the shell reads it as it is. */
 static void put_word(FILE *f, const char *word)
 {
     fputc('\'', f);
@@ -76,7 +76,7 @@ static pvx_err slurm_write_script(const struct parts_job *j, int argc, char **ar
     return e;
 }
 
-/* Its last line: what it prints before are warnings. */
+/* Keep only the last line: the lines before are warnings. */
 static void keep_last_line(char *said)
 {
     size_t n = strlen(said);
@@ -123,7 +123,7 @@ static pvx_err sbatch(const char *const argv[], char said[SAID], struct pvx_diag
     return ok ? PVX_OK : pvx_fail(d, PVX_EINVAL, "sbatch refuses: %.600s", said);
 }
 
-/* "1-4,7": parts to be solved, runs together; how many. */
+/* List the parts to be solved as "1-4,7" and return how many they are. */
 static unsigned slurm_choose(const struct parts_job *j, bool resume, char *list, size_t size)
 {
     struct part_status s;
@@ -150,7 +150,7 @@ static unsigned slurm_choose(const struct parts_job *j, bool resume, char *list,
     return n;
 }
 
-/* The words of --sbatch as a shell would give them to it. */
+/* Split the text of --sbatch into words as a shell would. */
 static pvx_err slurm_split(const char *options, wordexp_t *w, struct pvx_diag *d)
 {
     static const char *const why[] = {
