@@ -77,7 +77,7 @@ int cli_arg_word(struct argp_state *st, const char *name, const char *text, cons
     return 0;
 }
 
-/* A number within the row's limits, or what its word stands for. */
+/* A number within the row's limits, or the value that its word stands for. */
 static double arg_number(struct argp_state *st, const struct cli_row *r, const char *text)
 {
     const char *word = strchr(r->arg, '|');

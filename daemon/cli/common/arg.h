@@ -1,8 +1,8 @@
-/* arg.h - options of the commands: one table, a row an option, and the values that options have.
+/* arg.h - options of the commands: one table with a row for each option, and reading the values of options.
  *
- * A row says what the option is called, where its value goes, what the value may be, and what --help
- * says of it.  A command gives its rows to cli_rows, which makes the options of argp from them, and its
- * argp parser hands to cli_row what is not its own:
+ * A row has the option's name, the place of its value, the limits of the value, and the text for --help.
+ * A command gives its rows to cli_rows, which makes the options of argp from them.  Its argp parser gives all
+ * options that are not its own to cli_row:
  *
  *     #define AT(field) CLI_AT(struct render_options, field)
  *     static const struct cli_row rows[] = {
@@ -55,10 +55,10 @@ struct cli_row {
                  : CLI_DOUBLE)
 #define CLI_KEY(key) (key), CLI_OWN
 
-/* The rows as options of argp, in `room` of as many; the table ends with an empty row.  The rows before the first
- * heading are group 0, those below are 2, 3 and so on: 1 is for an argp child. */
+/* Make the options of argp from the rows, in `room` for as many.  The table ends with an empty row.  The rows before
+ * the first heading are group 0, those below headings are 2, 3 and so on.  Group 1 is for an argp child. */
 const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_option *room);
-/* The value of option `key` into the struct `out`.  ARGP_ERR_UNKNOWN: the key is none of the rows'. */
+/* Store the value of option `key` in the struct `out`.  ARGP_ERR_UNKNOWN: no row has this key. */
 error_t cli_row(const struct cli_row *rows, int key, const char *text, struct argp_state *st,
                 void *out);
 
@@ -76,7 +76,7 @@ int cli_arg_choice(struct argp_state *st, const char *name, const char *text,
                    const char *const *words);
 /* Place of the word in `words`, "a|b|c". */
 int cli_arg_word(struct argp_state *st, const char *name, const char *text, const char *words);
-/* A command's only argument; `what` it is is said when there is a second. */
+/* Take a command's only argument.  A second one is an error, whose message says `what` the argument is. */
 void cli_arg_one(struct argp_state *st, const char *what, const char *text, const char **out);
 /* --pixel-format NAME. */
 enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text);

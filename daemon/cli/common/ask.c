@@ -12,7 +12,7 @@
 #include "proto/door.h"
 
 #define ANSWER_MS 5000
-#define SAY_MS    1000  /* until a wait that may be long is said */
+#define SAY_MS    1000  /* after this time print that the wait may be long */
 #define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 
 /* The daemon that is asked, and with which key. */
@@ -21,7 +21,7 @@ struct whom {
     bool patient; /* the answer may take long: print that */
 };
 
-/* Room for an answer, or why there will be none. */
+/* Wait until an answer can be read or the time is over.  Fails early if the daemon refuses the key. */
 static pvx_err ask_answer(void *socket, pvp_door *door, struct whom whom, int timeout_ms,
                           struct pvx_diag *d)
 {
@@ -42,7 +42,7 @@ static pvx_err ask_answer(void *socket, pvp_door *door, struct whom whom, int ti
             continue;
         }
         if (n <= 0 || (item[0].revents & ZMQ_POLLIN) != 0)
-            return PVX_OK; /* it comes, or does not: the socket says */
+            return PVX_OK; /* reading the socket tells whether there is an answer */
         PVX_TRY(pvp_door_refused(door, whom.endpoint, whom.key != NULL, d));
     }
 }
@@ -126,8 +126,8 @@ pvx_err ask_request(const char *endpoint, const char *key, const char *text, int
     return put_to((struct whom){endpoint, key, false}, text, timeout_ms, out, d);
 }
 
-/* Word number i of a request: its key, out of the command's, in their order; what is recorded may be left out, a name
- * that begins with / is a path.  false: one too many. */
+/* Add word number i to a request.  Its key is the i-th of the command's keys.  Key `what` may be left out, and a name
+ * that begins with / is a path.  false: one word too many. */
 static bool add_word(cJSON *request, const struct dmn_command *k, int i, const char *word)
 {
     char key[32] = "", *end = NULL;

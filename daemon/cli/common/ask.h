@@ -14,12 +14,12 @@ PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *key, const char *cm
 PVX_MUST_CHECK pvx_err ask_request(const char *endpoint, const char *key, const char *request,
                                    int timeout_ms, cJSON **out, struct pvx_diag *d);
 
-/* The same with words as `pyrovox ctl` takes them, the command (commands.h) first and NULL last.  timeout_ms 0: as that
- * command needs.  PVX_ERANGE: too many words for it. */
+/* The same with words as `pyrovox ctl` takes them: the command (commands.h) first and NULL last.  timeout_ms 0: as
+ * long as that command needs.  PVX_ERANGE: too many words for it. */
 PVX_MUST_CHECK pvx_err ask_words(const char *endpoint, const char *key, const char *const *word,
                                  int timeout_ms, cJSON **out, struct pvx_diag *d);
 
-/* Number, or text, at path a.b (b may be NULL); 0 or "" when it is not there. */
+/* Number or text at path a.b (b may be NULL).  0 or "": it is not there. */
 double ask_num(const cJSON *j, const char *a, const char *b);
 const char *ask_text(const cJSON *j, const char *a, const char *b);
 #endif

@@ -1,7 +1,7 @@
 /* cli.h - the commands of `pyrovox`, which pyrovox.c lists.
  *
- * A command parses its own arguments with argp (--help teaches), prints results on stdout, progress
- * and errors on stderr, and returns an exit code: 0 done, 1 failed (message printed), 2 wrong usage,
+ * A command parses its own arguments with argp (--help explains them).  It prints results on stdout, and progress
+ * and errors on stderr.  It returns an exit code: 0 done, 1 failed (message printed), 2 wrong usage,
  * 130 stopped by Ctrl-C. */
 #ifndef CLI_H
 #define CLI_H
@@ -16,7 +16,7 @@ struct cli_command {
 };
 int cmd_cameras_test(int argc, char **argv); /* `pyrovox cameras test`, likewise */
 
-/* Set by SIGINT/SIGTERM after cli_catch_stop(); long work polls it. */
+/* Set by SIGINT/SIGTERM after cli_catch_stop().  Long work polls it. */
 extern volatile sig_atomic_t cli_stop;
 void cli_catch_stop(void);
 
@@ -41,7 +41,7 @@ double cli_seconds_since(int64_t t0);
 /* "3.5 s", "12 min", "4 h". */
 const char *cli_duration(double seconds, char out[32]);
 
-/* Columns of the terminal on stdout, 40 to `max`; 100 when it is none. */
+/* Columns of the terminal on stdout, 40 to `max`.  100 if stdout is no terminal. */
 int cli_columns(int max);
 
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,

@@ -44,7 +44,7 @@ const struct argp *flame_sets_argp(void)
 
 /* ---- loaded ---- */
 
-/* The k-th of n taken out of `there`, in runs. */
+/* Place in the recording of the k-th of the n sets that are taken in runs. */
 static size_t taken(const struct flame_sets *s, size_t k)
 {
     if (s->there == s->n)
@@ -64,7 +64,7 @@ static pvx_err flame_sets_room(struct frames_in *in, float **at, struct pvx_diag
     return PVX_OK;
 }
 
-/* What of it is the flame's: from `top` on pixels are saturated and stay so. */
+/* Subtract black level and background.  Pixels from `top` on are saturated and stay as they are. */
 static void flame_sets_subtract(float *picture, float black, const float *background, size_t n,
                                 float top)
 {
@@ -73,7 +73,7 @@ static void flame_sets_subtract(float *picture, float black, const float *backgr
             picture[i] -= black + (background != NULL ? background[i] : 0);
 }
 
-/* Bins of cameras with photometry may be brighter than full scale, which no check of a sample tells then. */
+/* Set saturated bins to NaN.  With photometry a bin may exceed full scale, so later checks could not find them. */
 static void blank_saturated(const struct flame_sets *s, const struct dmn_images *images, size_t c,
                             float *picture)
 {
@@ -214,7 +214,7 @@ static bool flame_sets_progress(void *ctx, double done)
     struct flame_sets *s = ctx;
     if (s->a->quiet)
         return !cli_stop;
-    if (done < s->bar.last) /* once more from the first set on */
+    if (done < s->bar.last) /* the sets are read again from the first */
         s->bar = (struct cli_progress){.label = s->bar.label};
     return cli_progress(&s->bar, done);
 }

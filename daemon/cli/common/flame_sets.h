@@ -39,10 +39,10 @@ struct flame_sets {
     dmn_photometry *own;         /* the same, where flame_sets_load read it */
     bool colour;                 /* in: the pictures' own channels, not their mean */
     int nch;                     /* of the pictures, 1 or 3 */
-    int channel;                 /* that the source gives, of those */
+    int channel;                 /* the one of them that the source gives */
     pvx_pool *pool;
     struct rec_unseen_params params;    /* binning is set */
-    size_t there, n;                    /* frame sets; taken */
+    size_t there, n;                    /* frame sets of the recording; those taken */
     uint64_t *number;                   /* [n] */
     float *(*picture)[REC_MAX_CAMERAS]; /* [n] [bins][1 or 4], NULL = missing */
     float *plane[REC_MAX_CAMERAS];      /* the source's, where there are three channels */
@@ -52,14 +52,14 @@ struct flame_sets {
     struct cli_progress bar;
 };
 
-/* With what the rig says of light: s->rig is as dmn_photometry_load leaves it, not what to write.
+/* Read the rig and the sets, with the rig's photometry.  s->rig is as dmn_photometry_load leaves it: do not save it.
  * Owner: caller, flame_sets_fini, after an error too. */
 PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
                                        struct pvx_diag *d);
-/* The same for a rig that is already in s, with `light` and `colour`.  With light saturated bins are NaN. */
+/* The same for a rig that is already in s, with `light` and `colour`.  If `light` is set, saturated bins are NaN. */
 PVX_MUST_CHECK pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d);
 void flame_sets_fini(struct flame_sets *s);
-/* All of them, with a progress under this name unless --quiet; borrowed by the source. */
+/* A source of all the sets.  It borrows s, and shows its progress under `label` unless --quiet. */
 struct rec_check_source flame_sets_source(struct flame_sets *s, const char *label);
 
 #endif

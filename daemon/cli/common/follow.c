@@ -114,7 +114,7 @@ static pvx_err follow_compare(struct follow *f, const struct rec_grid *g, int ch
     return PVX_OK;
 }
 
-/* Sets that should have come between this volume and the one before. */
+/* Count the sets that should have come between this volume and the one before. */
 static void count_missing(struct follow *f, const struct pvp_volume *v)
 {
     const struct pvp_start *s = pvp_sub_start(f->sub);

@@ -1,8 +1,8 @@
 /* follow.h - a subscriber that watches a daemon: rate, gaps, latency, and the error of the volumes
  * against a known flame.
  *
- * Truth: what `sim:` cameras or `pyrovox simcams` show at the volume's exposure time.  Once every
- * FOLLOW_UNPACK_NS a volume is unpacked and compared; the rest only counts.
+ * The known flame is the one that `sim:` cameras or `pyrovox simcams` show at the volume's exposure time.  Once every
+ * FOLLOW_UNPACK_NS a volume is unpacked and compared.  All other volumes are only counted.
  * Threads: one. */
 #ifndef FOLLOW_H
 #define FOLLOW_H
@@ -49,9 +49,9 @@ struct follow {
 PVX_MUST_CHECK pvx_err follow_init(struct follow *f, const char *endpoint, const char *key,
                                    const struct follow_truth *truth, struct pvx_diag *d);
 void follow_fini(struct follow *f);
-/* Take in what comes within timeout_ns and whatever else is there already. */
+/* Wait at most timeout_ns for a message, and take all messages that are there then. */
 PVX_MUST_CHECK pvx_err follow_poll(struct follow *f, int64_t timeout_ns, struct pvx_diag *d);
-/* Counts, latency and errors start anew. */
+/* Start counts, latency and errors anew. */
 void follow_mark(struct follow *f);
 /* Volumes per second since the mark. */
 double follow_rate(const struct follow *f);

@@ -16,7 +16,7 @@
 
 #define PATH_ROOM 4300
 
-static const char *const exts[] = {"npy", "png", "tif", "tiff", "jpg"}; /* the first counts */
+static const char *const exts[] = {"npy", "png", "tif", "tiff", "jpg"}; /* first one found wins */
 #define N_EXT (sizeof exts / sizeof exts[0])
 
 /* ---- what is there ---- */
@@ -27,7 +27,7 @@ static bool there(const struct frames_in *f, size_t i, size_t c)
     return f->take != NULL ? f->row[at] >= 0 : f->path[at] != NULL;
 }
 
-/* A take's frame gets a name for messages. */
+/* Name of a frame for messages: its path, or for a take its set and camera. */
 static const char *frames_in_name_of(const struct frames_in *f, size_t i, size_t c,
                                      char room[PATH_ROOM])
 {
@@ -44,7 +44,7 @@ static int frames_in_by_number(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* The numbers found, `all` of them in number[], in order and each once, from `first` to `last`. */
+/* Of the `all` numbers found, keep in number[] those from `first` to `last`, in order and each once. */
 static pvx_err frames_in_choose(struct frames_in *f, size_t all, uint32_t first, uint32_t last,
                                 struct pvx_diag *d)
 {
@@ -60,7 +60,7 @@ static pvx_err frames_in_choose(struct frames_in *f, size_t all, uint32_t first,
                           f->dir, first, last, least, most);
 }
 
-/* Of a file; what is beyond what can be asked for stays so. */
+/* Number of a file.  A number too large for uint32_t becomes UINT32_MAX, which no option can select. */
 static uint32_t frames_in_number_of(const struct cap_sequence_item *item)
 {
     return item->number > UINT32_MAX ? UINT32_MAX : (uint32_t)item->number;
@@ -167,7 +167,7 @@ static pvx_err load_from_take(const struct frames_in *f, size_t i, size_t c, str
     return e;
 }
 
-/* A loaded image as the user says it is to be read; else it is given up. */
+/* Give a loaded image the pixel format that the user wants.  If it does not fit, the image is freed. */
 static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_loaded *l,
                        struct pvx_diag *d)
 {
@@ -209,7 +209,7 @@ static void frames_in_load_set(struct frames_in *f, size_t i)
     pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
 }
 
-/* After a set: what could not be used is told, the first of it in *first, and the images are let go. */
+/* After a set: report the images that could not be used, the first one in *first, and free all images. */
 static void frames_in_let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 {
     for (size_t c = 0; c < f->rig->n_cameras; c++) {
@@ -282,7 +282,7 @@ float *frames_in_room(const struct frames_in *f, size_t c)
     return pvx_calloc(bins * (f->nch == 3 ? 4 : 1), sizeof(float));
 }
 
-/* The images with the rig's photometry or, floats, without: those are what `calibrate background` wrote. */
+/* Bin the float images, or all others.  Floats get no photometry: `calibrate background` wrote them with it. */
 static pvx_err bin_some(struct frames_in *f, bool floats, const char *dir, float **out,
                         struct pvx_diag *d)
 {
@@ -355,7 +355,7 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
 
 /* ---- open and close ---- */
 
-/* As many channels as the first image that can be read. */
+/* Set the number of channels from the first image that can be read. */
 static pvx_err frames_in_look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 {
     struct pvx_diag first = {""};
@@ -387,7 +387,7 @@ pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uin
     return e == PVX_OK ? frames_in_look_at_first(f, grey, d) : e;
 }
 
-/* Of a take that does not say how warm its cameras were, or of darks. */
+/* Print a note if the take or the rig lacks the temperature needed to check the darks. */
 static void note_unknown(const struct frames_in *f)
 {
     const char *first = NULL;

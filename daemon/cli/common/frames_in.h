@@ -16,9 +16,9 @@
 
 #define FRAMES_IN_LAST (UINT32_MAX - 1) /* the largest frame number; 20 a second for 6 years */
 
-/* What the files do not say. */
+/* How to read the files, where they do not say it themselves. */
 struct frames_in_reading {
-    enum cap_pixfmt fmt; /* what grey files are taken for (cap_pixfmt_fits); NONE = grey */
+    enum cap_pixfmt fmt; /* format as which grey files are read (cap_pixfmt_fits); NONE = grey */
     enum cap_transfer transfer;
     enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
 };
@@ -75,31 +75,31 @@ struct frames_in {
 PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first,
                                       uint32_t last, bool grey, struct pvx_diag *d);
 /* Check that a take has the cameras, exposures and gains that the rig's photometry was measured with.
- * PVX_EINVAL: it has others.  A folder does not say, and passes. */
+ * PVX_EINVAL: it has others.  A folder does not contain them and always passes. */
 PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);
 /* Keep only the sets [first, end). */
 void frames_in_only(struct frames_in *f, size_t first, size_t end);
 void frames_in_close(struct frames_in *f);
 
-/* Raw pixels per bin side, before loading; may be called again.  Bayer images at binning 1 as `mosaic`. */
+/* Set the raw pixels per bin side, before loading.  May be called again.  mosaic: for Bayer images at binning 1. */
 PVX_MUST_CHECK pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mosaic,
                                        struct pvx_diag *d);
-/* Whether set i lacks no camera. */
+/* Whether set i has all cameras. */
 bool frames_in_complete(const struct frames_in *f, size_t i);
 /* Room for the bins of camera c; owner: caller, free(). */
 float *frames_in_room(const struct frames_in *f, size_t c);
-/* Set i into out[camera] [bins down][bins across][1 or 4]; the cameras that are in it. */
+/* Load set i into out[camera] [bins down][bins across][1 or 4].  Returns a mask of the cameras that are in it. */
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
-/* The same into a frame that was reset. */
+/* The same, into a frame that was reset. */
 uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame);
-/* DIR/<camera>.npy, .tif, .tiff or .png, the first that exists; false: none exists. */
+/* Find DIR/<camera>.npy, .tif, .tiff or .png: the first that exists.  false: none exists. */
 bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size);
-/* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way; but .npy of floats are what
- * `calibrate background` wrote, with the rig's photometry in them.  Owner of each out[camera]: caller, free(),
+/* Load DIR/<camera>.(npy|tif|tiff|png) of every camera, the first that exists.  A .npy of floats was written by
+ * `calibrate background`: the rig's photometry is in it already.  Owner of each out[camera]: caller, free(),
  * after an error too. */
 PVX_MUST_CHECK pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out,
                                             struct pvx_diag *d);
-/* All sets, until `stop` or Ctrl-C. */
+/* A source of all sets.  It ends early at `stop` or Ctrl-C. */
 struct dmn_source frames_in_source(struct frames_in *f);
 
 #endif

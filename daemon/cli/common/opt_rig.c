@@ -104,15 +104,15 @@ pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_di
     return e;
 }
 
-/* Meshes that lie beside the file `to` or below are named from there, so that a folder can be moved as a whole; others
- * are named from the root. */
+/* Meshes in the folder of the file `to` or below get names relative to it, so that the folder can be moved as a
+ * whole.  Other meshes keep absolute names. */
 static void name_meshes(struct rec_rig *rig, const char *to)
 {
     char name[PATH_MAX], folder[PATH_MAX];
     const char *slash = strrchr(to, '/');
     snprintf(name, sizeof name, "%.*s", slash == NULL ? 1 : (int)(slash - to) + 1,
              slash == NULL ? "." : to);
-    if (realpath(name, folder) == NULL) /* writing it will say why */
+    if (realpath(name, folder) == NULL) /* writing the file will report the reason */
         return;
     size_t n = strcmp(folder, "/") == 0 ? 0 : strlen(folder);
     for (size_t i = 0; i < rig->bodies.n; i++) {

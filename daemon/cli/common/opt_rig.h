@@ -40,9 +40,9 @@ PVX_MUST_CHECK pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *r
 PVX_MUST_CHECK pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out,
                                     struct pvx_diag *d);
 
-/* `rig` into the file `to`.  Maps whose names are relative to rig.yaml `from` are named so that they are found
- * from there; from NULL: names stay as they are.  Meshes below the folder of `to` are named from there, others from the
- * root.  Errors: those of dmn_photometry_move and pvx_file_write. */
+/* Write `rig` to the file `to`.  Names of maps relative to rig.yaml `from` are changed so that they are found from
+ * `to`.  from NULL: they stay as they are.  Meshes below the folder of `to` get names relative to it, other meshes
+ * keep absolute names.  Errors: those of dmn_photometry_move and pvx_file_write. */
 PVX_MUST_CHECK pvx_err opt_rig_save(const struct rec_rig *rig, const char *from, const char *to,
                                     struct pvx_diag *d);
 

@@ -9,13 +9,13 @@ struct page {
     size_t len;
     int rows, cols, row;
 };
-/* The terminal's second screen, clean and without cursor; page_close gives the first one back. */
+/* Switch to the terminal's second screen, clean and without cursor.  page_close switches back to the first one. */
 void page_open(void);
 void page_close(void);
 
-/* Empty, as large as the terminal is now. */
+/* Start an empty page as large as the terminal is now. */
 void page_begin(struct page *p);
-/* One more line, cut at the right; none where the page is full. */
+/* Add a line, cut at the right.  Nothing happens if the page is full. */
 void page_line(struct page *p, const char *fmt, ...) PVX_PRINTF(2, 3);
 void page_show(struct page *p);
 

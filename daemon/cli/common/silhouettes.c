@@ -10,12 +10,12 @@
 
 #define VOXELS 24 /* of the vote: its own grid has 16 to 31 */
 
-/* Entries of a bin on it, about, with what they take while the matrix is built; and what that may come to. */
+/* Approximate bytes of a bin's entries on that grid while the matrix is built, and the most for all bins. */
 #define BIN_BYTES 1500
 #define MOST      ((size_t)512 << 20)
 
-/* A matrix of nothing but the vote's grid, below finer ones that keep nothing: with bins that are not far smaller than
- * its voxels, which would be gigabytes for large pictures. */
+/* A matrix that keeps only the vote's grid.  For large pictures it is made below finer grids, which keep nothing:
+ * bins must not be far smaller than the voxels, or the matrix would take gigabytes. */
 static pvx_err new_matrix(const struct rec_rig *in, int32_t binning, pvx_pool *pool,
                           struct rec_rig *rig, rec_sysmat **S, struct pvx_diag *d)
 {

@@ -1,5 +1,5 @@
-/* silhouettes.h - silhouettes of recorded frame sets, without their system matrix.  The stages of a frame set run up to
- * the vote of the cameras, on the coarse grid of the vote.  Threads: one. */
+/* silhouettes.h - silhouettes of recorded frame sets, without their system matrix.  The stages of a frame set run up
+ * to the vote of the cameras, on the coarse grid of the vote.  Threads: one. */
 #ifndef SILHOUETTES_H
 #define SILHOUETTES_H
 #include "daemon/cli/common/frames_in.h"
@@ -14,8 +14,8 @@ struct silhouettes {
 
     /* of the set that was loaded last: */
     const uint8_t *lit[REC_MAX_CAMERAS]; /* [bins] 0/1, the slot's */
-    bool there[REC_MAX_CAMERAS];         /* cameras that are in the set, */
-    bool believed[REC_MAX_CAMERAS];      /* of those the vote's */
+    bool there[REC_MAX_CAMERAS];         /* cameras that are in the set */
+    bool believed[REC_MAX_CAMERAS];      /* of those the cameras that the vote trusts */
     const struct rec_verdict *verdict;   /* the slot's */
 };
 
@@ -27,7 +27,7 @@ PVX_MUST_CHECK pvx_err silhouettes_new(struct silhouettes *s, struct frames_in *
 void silhouettes_free(struct silhouettes *s);
 void silhouettes_load(struct silhouettes *s, size_t set);
 
-/* Count everything as flame.  The hull then drops only what no camera sees. */
+/* Count everything as flame.  The hull then drops only voxels that no camera sees. */
 void silhouettes_without_hull(struct rec_frame_params *p);
 
 /* Number of lit bins of an image.  Warns once when nearly all are lit: most often the black level is missing. */
