@@ -36,7 +36,7 @@ static inline void cap_pix_light(const uint16_t *restrict s, const uint32_t *tab
 struct spread {
     int8_t low[16], high[16]; /* -1 = 0 */
     uint16_t times[8];
-    int8_t depth, step; /* bits from `low`; bytes of eight samples */
+    uint8_t depth, step; /* bits from `low`; bytes of eight samples */
 };
 
 #define TIMES2(a, b)                                                                   \
