@@ -8,7 +8,7 @@ struct raise {
     rec_problem *pb;
     float *r, *wr;
     const float *q;
-    /* What one entry that has a bound, of lane l at row i, takes off the sum. */
+    /* The reduction of the sum by one entry that has a bound: lane l at row i. */
     double (*less)(struct raise *t, size_t i, size_t l);
 };
 
@@ -26,7 +26,7 @@ static void chunk(void *ctx, size_t k)
     memcpy(pb->part[k][0], less, sizeof less);
 }
 
-/* A sum of squares, less what the entries with bounds take off it. */
+/* Reduces a sum of squares by t->less over all entries with bounds. */
 static void reduce(struct raise *t, double sum[4])
 {
     rec_problem *pb = t->pb;

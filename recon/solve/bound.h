@@ -1,20 +1,21 @@
-/* bound.h - rows that say "at least this": a pixel at full scale.
+/* bound.h - rows that are lower bounds, "at least this": a pixel at full scale.
  *
  *     1/2 w min(0, a x - b)^2 = min over t >= b of  1/2 w (a x - t)^2                                (1)
  *
- * so a method that minimises a sum of squares keeps a target t in place of such a row's b, and raises it to
- * a x wherever that is above b: f falls or stays, as t is the least of (1) for this x.  Rows above their bounds have no
- * part in a step's curvature; where a step brings some below, f may rise, and the step is gone back as after any clip.
- * f stays convex and its gradient continuous, so the minimiser is that of the one-sided problem.
+ * So a method that minimises a sum of squares keeps a target t in place of such a row's b, and raises it to a x
+ * wherever that is above b.  This t minimises (1) for the current x, so f falls or stays.  Rows above their bounds
+ * have no part in a step's curvature.  Where a step brings some of them below, f may rise; x then goes back along the
+ * step, as after any clip.  f stays convex and its gradient continuous, so the minimiser is that of the one-sided
+ * problem.
  * Source: majorisation (Ortega & Rheinboldt 1970, 8.3); own arrangement. */
 #ifndef REC_BOUND_H
 #define REC_BOUND_H
 #include "recon/solve/problem.h"
 
-/* Targets for r = A x - t, which become those of x: pb's right-hand side, r, wr = W r and rwr = r'Wr per lane follow.
- * Without such rows nothing is done.  Same bits for any number of threads. */
+/* Raises the targets t of r = A x - t to those of x.  pb's right-hand side, r, wr = W r and rwr = r'Wr per lane
+ * follow.  Without such rows nothing is done.  Same bits for any number of threads. */
 void rec_bound_raise(rec_problem *pb, float *r, float *wr, double rwr[4]);
-/* qwq = q'Wq per lane becomes that of the rows that are not above their bounds. */
+/* Reduces qwq = q'Wq per lane to the rows that are not above their bounds. */
 void rec_bound_curvature(rec_problem *pb, const float *q, double qwq[4]);
 
 #endif

@@ -6,8 +6,8 @@
 
 #include "base/mem.h"
 
-#define FINEST     40 /* cells along an axis, at most */
-#define COARSEST   6  /* at least, or the grid's */
+#define FINEST     40 /* cells along an axis of level 0, at most */
+#define COARSEST   6  /* cells along an axis at least, or as many as the grid has */
 #define MAX_LEVELS 4
 #define ROUNDS     2
 #define ITERATIONS 12
@@ -16,7 +16,7 @@
 
 enum { FROM, TO, MOVED, GX, GY, GZ, UX, UY, UZ, VX, VY, VZ, U0, V0, W0, N_FIELDS };
 
-/* Cells (i, j, k) at i + wide (j + n1 k), with a rim of one along x. */
+/* Cell (i, j, k) is at i + wide (j + n1 k), with a rim of one cell along x. */
 struct level {
     int32_t n[3], wide;
     float *v[N_FIELDS];
@@ -26,9 +26,9 @@ struct rec_flow {
     struct rec_grid grid;
     int shift, levels; /* cells of 2^shift voxels; level 0 is the finest */
     struct level at[MAX_LEVELS];
-    struct level *now; /* of the tasks */
+    struct level *now; /* level of the running tasks */
     float alpha;
-    bool back; /* V is u, else U */
+    bool back; /* u is in V, else in U */
     double square[FINEST + 1][2];
     float *room;
 };
@@ -126,7 +126,7 @@ static void flow_put(rec_flow *f, const struct rec_flow_volume *x, int field)
 
 /* ---- one level ----------------------------------------------------------------------------------*/
 
-/* Where a point lies between the cells of an axis of n. */
+/* Position of a point between two cells of an axis of n. */
 struct between {
     int32_t i[2];
     float t;
@@ -149,7 +149,7 @@ static float flow_sample(const struct level *v, const float *of, const struct be
     return sum;
 }
 
-/* u0 = u, and w. */
+/* Sets u0 = u, and w. */
 static void move_layer(void *ctx, size_t k)
 {
     rec_flow *f = ctx;
@@ -167,7 +167,7 @@ static void move_layer(void *ctx, size_t k)
         }
 }
 
-/* G, and the sums that alpha comes from. */
+/* Sets G, and the sums for alpha. */
 static void gradient_layer(void *ctx, size_t layer)
 {
     rec_flow *f = ctx;
@@ -198,7 +198,7 @@ static void gradient_layer(void *ctx, size_t layer)
     f->square[layer][1] = s4;
 }
 
-/* One of Jacobi's iterations of (1), from U to V or back. */
+/* One Jacobi iteration of (1), from U to V or back. */
 static void iterate_layer(void *ctx, size_t layer)
 {
     const rec_flow *f = ctx;
@@ -253,7 +253,7 @@ static void solve_level(rec_flow *f, pvx_pool *pool)
     }
 }
 
-/* U of level l, rim and all, from the next coarser one. */
+/* Sets U of level l, with its rim, from the next coarser level. */
 static void begin_level(rec_flow *f, int l)
 {
     struct level *v = &f->at[l];

@@ -1,12 +1,12 @@
-/* flow.h - how one volume of emission moved into the next: 3-D optical flow on a coarse grid.
+/* flow.h - the motion from one volume of emission to the next: 3-D optical flow on a coarse grid.
  *
  *     to(x) = from(x - u(x)),   E(u) = sum (to - w + G.(u - u0))^2 + alpha ||grad u||^2  ->  min     (1)
  * w: `from` moved by u0, G: mean gradient of w and `to`, alpha: a share of the mean of |G|^2 weighted by itself.
- * From grids so coarse that a flame moves by a cell, finer by two at a time; on each some rounds of (1),
- * by Jacobi's iteration, none of which moves u by more than one cell.
+ * The first grid is so coarse that a flame moves by about one cell.  Each next grid is finer by a factor of two.
+ * Each grid gets some rounds of (1), solved by Jacobi's iteration; no round moves u by more than one cell.
  * The brightness of a cell is the sum of the channels over its voxels.
  * Source: Horn & Schunck, Artif. Intell. 17:185, 1981, in three dimensions; coarse to fine: Anandan, IJCV 2:283,
- * 1989.  Its users take it as fixed data: there is no adjoint.
+ * 1989.  Callers take u as fixed data: there is no adjoint.
  * Threads: one caller per object.  Same bits for any number of threads.  Allocates nothing after ..._new. */
 #ifndef REC_FLOW_H
 #define REC_FLOW_H

@@ -12,18 +12,18 @@
 #define N_YVEC           3
 #define REC_OSEM_SUBSETS 4
 
-/* How strongly the smoothness term holds at each voxel, V of (1) in pcg.c. */
+/* Local strength of the smoothness term at each voxel, V of (1) in pcg.c. */
 struct rec_stiff {
-    float *by, *inverse; /* and 1 / by */
-    float *diag;         /* of L V L, but for its neighbours' V */
+    float *by, *inverse; /* V; 1 / V */
+    float *diag;         /* diagonal of L V L, without its neighbours' V */
 };
 
-/* What x holds when a method begins. */
+/* Content of x when a method begins. */
 enum rec_start {
     REC_START_NONE,
     REC_START_ZERO,
-    REC_START_SCALED, /* an earlier volume, to the least residual on its ray; yv[0], yv[1] hold it */
-    REC_START_FITS    /* what fits b already, as a coarser solution does: x says where it burns */
+    REC_START_SCALED, /* an earlier volume, scaled to the least residual; yv[0], yv[1] hold it */
+    REC_START_FITS    /* x fits b already, as a coarser solution does: it shows where it burns */
 };
 
 struct rec_problem {
@@ -33,38 +33,38 @@ struct rec_problem {
     /* rec_problem_load */
     const struct rec_subsys *a;
     struct rec_pictures in;
-    float *b;        /* [room][cs] on A's rows, else 0 in A's blocks */
-    float *w;        /* [room] the same; the most over channels */
+    float *b;        /* [room][cs] on A's rows; 0 elsewhere in A's blocks */
+    float *w;        /* [room] the same; the largest weight of the channels */
     float *w4;       /* [room][4] the same, of each channel, with in.per_channel */
     bool any;        /* there is something to solve */
     bool whole;      /* every row has weight 1 */
     double b_norm2;  /* ||W^(1/2) b||^2 over A's rows, all channels */
     double light[4]; /* sum of w b over A's rows */
     double m;        /* measured values: rows with weight > 0, times channels */
-    /* per channel, else m / nch and 1: rows that a channel was measured in; its weight over w, which is
-     * what its diagonal of A'WA is over `diag`, nearly */
+    /* per channel (else m / nch and 1): rows that measured the channel; its weight over w, which is nearly the ratio
+     * of its diagonal of A'WA to `diag` */
     double measured[4], share[4];
 
     /* rec_problem_weigh, rec_problem_weigh_as */
     bool weighed;
-    bool automatic;    /* lambda is from the data: a method may renew it */
+    bool automatic;    /* lambda comes from the data: a method may renew it */
     const float *diag; /* [n] diagonal of A'WA */
-    double unit[4];    /* mean of what a lane has of it */
-    double lambda[4];  /* weight of the smoothness term per lane, absolute, to begin with */
+    double unit[4];    /* mean of the diagonal, per lane */
+    double lambda[4];  /* initial weight of the smoothness term per lane, absolute */
     double formula[4]; /* the same without rec_problem_misfit */
-    double noise2[4];  /* variance of b about A x that it was chosen for; 0 when it was given */
+    double noise2[4];  /* variance of b about A x for which it was chosen; 0 when it was given */
     double shot2[4];   /* mean variance of b beyond sigma^2; only where the weight is automatic */
 
-    /* what x is expected to be, [n][cs], or NULL (temporal.h); nu and a of (1b) in pcg.c */
+    /* the prediction of x, [n][cs], or NULL (temporal.h); nu and a of (1b) in pcg.c */
     const float *expect;
     double nu[4], keep[4];
 
     /* start.h */
     enum rec_start start;
-    uint32_t renewals;   /* of V and lambda, at most; rec_problem_load: REC_RENEWALS */
+    uint32_t renewals;   /* limit, of V and lambda; rec_problem_load: REC_RENEWALS */
     double start_rwr[4]; /* r'Wr of a scaled start */
 
-    /* work areas, pieces of one */
+    /* work areas, all in one piece of memory */
     void *areas;
     size_t bytes;
     float *xv[N_XVEC];        /* [n_max][cs] */
@@ -80,20 +80,20 @@ struct rec_problem {
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
 
-/* One method: x from its start to the result; of the report status, iterations, best, objective, lambda,
- * and residual_norm and solution_norm where they are known (they come as -1).  The rest is rec_solve's. */
+/* One method: x from its start to the result.  It sets status, iterations, best, objective and lambda of the report,
+ * and residual_norm and solution_norm where it knows them (they come as -1).  rec_solve sets the rest. */
 typedef void rec_method(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         struct rec_solve_report *out);
 #define REC_METHOD(name, run) rec_method run;
 REC_SOLVERS(REC_METHOD)
 #undef REC_METHOD
 
-/* lambda.c, (2) to (4): the weight anew, where it is automatic, from an iterate that it led to.  rwr: r'Wr; penalty:
- * ||V^(1/2) L x||^2; lit: columns with x > 0; each per lane, as lambda [4], in and out. */
+/* lambda.c, (2) to (4): renews an automatic weight from an iterate that it led to.  rwr: r'Wr; penalty: ||V^(1/2) L
+ * x||^2; lit: columns with x > 0; each per lane, as lambda [4], in and out. */
 void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const double penalty[4],
                          const double lit[4], double lambda[4]);
 
-/* A pass is cut into the chunks of A's rows or columns, or the rows' and then the columns'. */
+/* A pass is cut into the chunks of A's rows, or of its columns, or of its rows and then its columns. */
 static inline size_t rec_row_chunks(const rec_problem *pb)
 {
     return rec_row_pieces(pb->a);
@@ -114,7 +114,7 @@ static inline bool rec_late(const struct rec_solve_params *p)
     return p->deadline_ns != 0 && pvx_now_mono() >= p->deadline_ns;
 }
 
-/* Rows that a lane was measured in. */
+/* Number of rows in which a lane was measured. */
 static inline double rec_rows_of(const rec_problem *pb, int l)
 {
     return pb->in.per_channel ? pb->measured[l] : pb->m / pb->nch;
@@ -125,7 +125,7 @@ static inline float rec_weight_at(const rec_problem *pb, size_t i, size_t l)
 {
     return pb->in.per_channel ? pb->w4[i * 4 + l] : pb->w[i];
 }
-/* Residual value of row i, lane l, to *r and *wr; what it adds to r'Wr. */
+/* Writes residual value of row i, lane l, to *r and *wr; returns its contribution to r'Wr. */
 static inline double rec_put_residual(const rec_problem *pb, size_t i, size_t l, float value,
                                       float *r, float *wr)
 {
@@ -140,7 +140,7 @@ REC_INLINE rec_f4 rec_row_weight(const rec_problem *pb, size_t i, size_t cs, boo
     return per_channel ? rec_ld(pb->w4, i, 4) : rec_of_each(pb->w, i, cs);
 }
 
-/* A x into the images; then chunks of rows collect their part. */
+/* Computes A x into the images; chunks of rows then collect their parts. */
 static inline void rec_start_product(rec_problem *pb, const float *x)
 {
     rec_scatter(pb->a, &pb->images, x);
@@ -213,7 +213,7 @@ REC_INLINE void rec_rows_step(const rec_problem *pb, size_t k, size_t cs, bool p
     rec_put_both(out, &sum, &quads);
 }
 
-/* Sum slot `what` of the partial results [from, to), lane by lane, in order. */
+/* Sums slot `what` of the partial results [from, to), lane by lane, in order. */
 void rec_sum(const rec_problem *pb, size_t from, size_t to, int what, double out[4]);
 /* r = A x - b, wr = W r, two different arrays; out = r'Wr per lane. */
 void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4]);
@@ -222,11 +222,11 @@ double rec_norm_x(const rec_problem *pb, const float *v);
 /* dst = src, [n][cs]. */
 void rec_copy_x(const rec_problem *pb, float *dst, const float *src);
 
-/* The residual of the start x into yv[0] and yv[1], without a product where it is not needed. */
+/* Writes the residual of the start x to yv[0] and yv[1], without a product where none is needed. */
 void rec_start_residual(rec_problem *pb, const float *x, double out[4]);
-/* Start of the multiplicative methods, which never leave zero: cold the uniform volume that has the
- * images' light, warm lifted to a hundredth of it; 0 in voxels without weight.
- * sens [n]: column sums of W A. */
+/* Start of the multiplicative methods, which never leave zero.  A cold start is the uniform volume that has the
+ * images' light.  A warm start is lifted to at least a hundredth of that volume.  Voxels without weight are 0.  sens
+ * [n]: column sums of W A. */
 void rec_start_positive(rec_problem *pb, const float *sens, float *x);
 
 #endif

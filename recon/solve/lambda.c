@@ -1,7 +1,7 @@
 /* lambda.c - the weight of the smoothness term, from the data.
  *
- * Bayes gives lambda = noise variance / variance of L x.  Neither is known; what they hang on is
- * measured in the pictures, averaged 2x2 so that noise hurts less:
+ * Bayes gives lambda = noise variance / variance of L x.  Neither is known.  The quantities that they depend on
+ * are measured in the pictures, averaged 2x2 to reduce the noise:
  *     noise     N = (sigma^2 + 0.03 G1) / mean^2,  G1 = mean square of first differences: the
  *                   larger they are, the more the basis functions fail to follow the flame
  *     roughness R = G2 / mean^2, mean square of second differences, less what sigma adds
@@ -9,33 +9,33 @@
  *     density   d = mean diagonal of A'WA / h^2, how often a voxel is measured
  *     lambda / mean diagonal = C N^n R^-r K^k d^-e                                         (1)
  * A channel that only a share of the rows measure has that share of the mean diagonal.  Where the noise of
- * light is known, sigma^2 is in all that follows the mean over a channel's rows, sigma^2 + shot mean b: what
- * the dark parts of the pictures show is less.
+ * light is known, sigma^2 in all that follows is the mean over a channel's rows, sigma^2 + shot mean b; the noise
+ * in the dark parts of the pictures is less.
  * The exponents were fitted to the weight of least error in random cases (two kinds of flame,
  * 32..96 voxels a side, images 1.5..5 times as wide, 3..12 cameras, noise 0..20 %, both bases):
  * NUMERICS.md has the table.
  *
- * Calibration error and what else the model leaves out are not in sigma: a coarser solution misses b by
- * more than N mean^2 says.  But so it does where the flame is finer than its voxels, and there a firmer
- * weight is wrong.  The finer grid tells them apart: (1) begins raised by what the coarser grid misses, and
- * the model stays at fault only where an iterate, at that weight, still has
+ * Calibration error and other effects that the model leaves out are not in sigma: a coarser solution then misses
+ * b by more than N mean^2.  But it also does so if the flame is finer than its voxels, and then a firmer weight
+ * is wrong.  The finer grid tells the two cases apart.  (1) begins raised by the misfit of the coarser grid, and
+ * the model counts as at fault only if an iterate at that weight still has
  *     r'Wr > 25 m N mean^2,   m rows                                                       (2)
- * (real capture: 64 to 91; thin sheets and spirals: up to 10).  Else (1) is only where the
- * weight begins: an iterate x tells what Bayes asks for,
+ * (real capture: 64 to 91; thin sheets and spirals: up to 10).  Otherwise (1) is only the initial weight, and an
+ * iterate x gives the weight that Bayes asks for,
  *     E = [r'Wr / (m - g)] / [x'L V L x / g],  lambda / (1) = [1.5 E / (1)]^1.6,               (3)
- * within 0.02 .. 4 (mosaics: 1 .. 4, as few rows of a channel are followed by what is not there), and no lower
- * than it is while r'Wr / (m - g) < 1.1 sigma^2: what is as near to the pictures as their noise allows needs no
- * lighter weight.  g: the degrees of freedom that the data settle, tr (A'WA + lambda L V L)^-1 A'WA on the
- * columns that are not held by their bound, n of them:
+ * within 0.02 .. 4 (mosaics: 1 .. 4, because the few rows of a channel can be fitted by structure that is not
+ * there).  The weight is not lowered while r'Wr / (m - g) < 1.1 sigma^2: a solution as near to the pictures as
+ * their noise allows needs no lighter weight.  g: the degrees of freedom that the data determine,
+ * tr (A'WA + lambda L V L)^-1 A'WA on the n columns that are not held by their bound:
  *     g = G / (1 + G/m),  G = 0.048 n (lambda / mean diagonal)^(-1/2)                         (4)
  * so that r'Wr / (m - g) g = r'Wr / m G.
- * Why that power: a view settles the frequencies of one plane (the slice theorem), k'k'k'k' lambda = const
- * bounds a disc in it, whose area goes with lambda^(-1/2).  The factor was fitted to g by random probes,
- * 200 systems from eight scenes, both bases, 4 to 8 cameras, lambda over five decades: within 14 % (1 sigma),
- * and a probe costs a lane that a grey picture has not.  E is MacKay's evidence (Neural Comput. 4:415,
- * 1992), which fits the pictures best; the best volume is smoother than that where the flame is smooth and
- * less smooth where it is sharp, and a few iterations go only part of the way to where E leads: hence the
- * power. */
+ * Reason for the power -1/2: a view determines the frequencies of one plane (the slice theorem), and
+ * k'k'k'k' lambda = const bounds a disc in it, whose area goes with lambda^(-1/2).  The factor was fitted to g by
+ * random probes, 200 systems from eight scenes, both bases, 4 to 8 cameras, lambda over five decades: within 14 %
+ * (1 sigma).  A probe costs a lane, and a grey picture has none to spare.  E is MacKay's evidence (Neural Comput.
+ * 4:415, 1992), which fits the pictures best.  The best volume is smoother than that where the flame is smooth
+ * and less smooth where it is sharp, and a few iterations go only part of the way to the weight of E: hence the
+ * power in (3). */
 #include <math.h>
 #include <string.h>
 
@@ -59,7 +59,7 @@
 #define POWER        1.6
 #define NEAR         1.1 /* sigma is known to some 5 % */
 #define LEAST        0.02
-#define LEAST_MOSAIC 1.0 /* a channel's few rows can be fitted by what is not there */
+#define LEAST_MOSAIC 1.0 /* a channel's few rows can be fitted by structure that is not there */
 #define MOST         4.0
 
 /* Mean of the 2x2 bins at `at`; false where one of them has no weight.  With weights per channel, of those

@@ -9,7 +9,7 @@
 
 #define MAX_LEVELS 10
 #define ITERATIONS 24
-#define AT_FIRST   6 /* on the coarsest level: it is good enough to start the next, and soon */
+#define AT_FIRST   6 /* on the coarsest level: good enough to start the next one early */
 #define TOLERANCE  2e-3f
 #define RENEWALS   1 /* of V and lambda: the next grid renews them from better volumes */
 
@@ -17,7 +17,7 @@ struct level {
     const rec_sysmat *S;
     struct rec_subsys *sub;
     int32_t *map;   /* [nz+2][ny+2][nx+2] 1 + number of the active column, 0 = not active; the rim
-                      saves every neighbour its bounds check */
+                      avoids bounds checks at the neighbours */
     int32_t *col;   /* [N] active columns, ascending */
     int32_t *first; /* [nz+1] active columns before a layer */
     float *b;       /* [rowspace][cs], filled where sub has rows */
@@ -27,7 +27,7 @@ struct level {
 struct rec_levels {
     pvx_pool *pool;
     int cs, n;
-    bool per_channel;            /* as rec_levels_restrict was told */
+    bool per_channel;            /* as given to rec_levels_restrict */
     struct level at[MAX_LEVELS]; /* 0: twice the voxel size */
 };
 
@@ -127,10 +127,10 @@ struct walk {
     const int32_t *col; /* of the finer level */
     int32_t n;
     int32_t *list;                  /* columns of each layer of voxels, from the layer's start */
-    const float *coarse;            /* x of this level, after a zero */
-    float *x;                       /* of the finer level */
+    const float *coarse;            /* x of this level, after one zero */
+    float *x;                       /* x of the finer level */
     int shift;                      /* this level's bins are 2^shift fine bins wide */
-    const struct rec_subsys *image; /* whose bins those are */
+    const struct rec_subsys *image; /* the system that has those fine bins */
     const struct rec_pictures *in;
 };
 
@@ -140,7 +140,7 @@ static size_t map_index(const struct rec_grid *g, int32_t i, int32_t j, int32_t 
            (size_t)(i + 1);
 }
 
-/* Layer k of the coarse grid: mark the parents of the fine voxels in its two layers, list them. */
+/* Layer k of the coarse grid: marks the parents of the fine voxels in its two layers and lists them. */
 static void levels_mark_layer(void *ctx, size_t task)
 {
     struct walk *t = ctx;
@@ -167,7 +167,7 @@ static void levels_mark_layer(void *ctx, size_t task)
     t->v->first[k + 1] = n;
 }
 
-/* The layer's list to its place, and its numbers into the map. */
+/* Copies the list of the layer to its place, and writes its numbers into the map. */
 static void number_layer(void *ctx, size_t task)
 {
     struct walk *t = ctx;
@@ -184,7 +184,7 @@ static void number_layer(void *ctx, size_t task)
 
 /* ---- pictures -----------------------------------------------------------------------------------*/
 
-/* The fine bins of a coarse one, fewer at the image's border: rows of `wide`, `pitch` apart. */
+/* The fine bins of a coarse one (fewer at the image's border): `high` rows of `wide` bins, `pitch` apart. */
 struct patch {
     size_t first, wide, high, pitch;
 };
@@ -200,8 +200,8 @@ REC_INLINE struct patch patch_of(const struct walk *t, size_t c, size_t ray)
                           .pitch = fw};
 }
 
-/* Mean of a patch, which is row `ray` of the level; a bin that was not measured is left out, and a mean of
- * fewer than half of its bins does not count. */
+/* Row `ray` of the level: the mean of a patch without the bins that were not measured.  The mean has no weight if
+ * fewer than half of the bins were measured. */
 REC_INLINE void average(const struct walk *t, const struct patch *p, size_t ray, size_t cs)
 {
     rec_f4 sum = {0};
@@ -219,8 +219,8 @@ REC_INLINE void average(const struct walk *t, const struct patch *p, size_t ray,
     sum *= rec_splat(use ? 1 / weight : 0);
     rec_st(t->v->b, ray, cs, sum);
 }
-/* The same where bins have weights per channel: a mean is that of the bins that measured the channel, its
- * weight their part of all, as the sum over the bins themselves would have it. */
+/* The same for weights per channel: the mean of a channel is over the bins that measured it, and its weight is their
+ * share of all bins, as in the sum over the bins themselves. */
 REC_INLINE void average_channels(const struct walk *t, const struct patch *p, size_t ray)
 {
     rec_f4 sum = {0}, weight = {0}, zero = {0};
@@ -238,7 +238,7 @@ REC_INLINE void average_channels(const struct walk *t, const struct patch *p, si
     rec_st(t->v->b, ray, 4, rec_select(use, sum / weight, zero));
 }
 
-/* The rows of a chunk; per_channel: of weights per channel. */
+/* The rows of a chunk; per_channel: with weights per channel. */
 REC_INLINE void averages(const struct walk *t, size_t chunk, size_t cs, bool per_channel)
 {
     const struct rec_subsys *a = t->v->sub;
@@ -314,8 +314,8 @@ REC_INLINE void split(const rec_f4 in[27], rec_f4 out[8])
     }
 }
 
-/* Children of the coarse columns of layer k.  The four rows of fine voxels that a row of coarse ones
- * has are walked along with it. */
+/* Children of the coarse columns of layer k.  The four fine rows of voxels under a coarse row are walked along with
+ * it. */
 REC_INLINE void refine(const struct walk *t, int32_t k, size_t cs)
 {
     const struct level *v = t->v;
@@ -385,7 +385,7 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
         else
             d->problem->start = REC_START_FITS;
         p.iterations = i < l->n - 1 || i == 0 ? ITERATIONS : AT_FIRST;
-        if (rec_solve(d->problem, &p, vx, &report) != PVX_OK) /* the default solver is there */
+        if (rec_solve(d->problem, &p, vx, &report) != PVX_OK) /* the default solver exists */
             rec_start_zero(d->problem, vx);
         d->iterations += report.iterations;
         memcpy(d->misfit2, report.misfit2, sizeof report.misfit2);

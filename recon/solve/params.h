@@ -13,7 +13,7 @@ extern "C" {
 #define REC_RENEWALS 6 /* at most, of V and lambda in a solve */
 
 enum rec_stop { REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY, REC_STOP_ITERATIONS };
-/* How a solve ended; the numbers are those of the wire (PROTOCOL.md), where 3 was never sent. */
+/* How a solve ended.  The numbers are those of the protocol (PROTOCOL.md), where 3 was never sent. */
 enum rec_status { REC_CONVERGED = 0, REC_MAX_ITER = 1, REC_DEADLINE = 2, REC_EMPTY = 4 };
 const char *rec_status_name(enum rec_status s); /* "converged" "max-iter" "deadline" "empty" */
 
@@ -28,7 +28,7 @@ struct rec_solve_params {
     float lambda;    /* weight of the smoothness term over the mean diagonal of A'WA; < 0 = auto */
     float tolerance; /* REC_STOP_AUTO: stop when x moves by less than this share of ||x|| (stop.c: a
                         good start), or the objective falls by less than half of it */
-    int64_t deadline_ns; /* mono clock; 0 = none: return the best iterate by then */
+    int64_t deadline_ns; /* mono clock; return the best iterate by then; 0 = none */
     rec_trace_fn trace;  /* or NULL */
     void *trace_ctx;
 };
@@ -48,10 +48,10 @@ struct rec_solve_report {
     double residual_norm, solution_norm;
     double objective; /* of the returned iterate; 0 where the method has none */
     double lambda;    /* absolute weight used, mean of the channels, at the end */
-    /* Iterations after which the objective changed; how many did that. */
+    /* Iterations after which the objective changed, and how many of them. */
     uint32_t renewed[REC_RENEWALS], renewals;
     double
-        misfit2[4]; /* mean of w (A x - b)^2 over measured rows, per lane, where the method knows */
+        misfit2[4]; /* mean of w (A x - b)^2 over measured rows, per lane, if the method knows it */
     int64_t time_ns;
 };
 

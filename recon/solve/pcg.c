@@ -2,26 +2,24 @@
  *
  *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||V^(1/2) L x||^2  ->  min,  x >= 0     (1)
  *     g = A'W(A x - b) + lambda L V L x,   L: smooth.h                                      (2)
- *     V = 1 from a start that knows nothing; from a coarser solution, where it is brighter than
- *         usual less: V_q = (c + y_q / y_usual)^(-1/2),  y = sum of the lanes of x - L x / 8  (2a)
- * Where an earlier volume says what to expect (temporal.h), its term is in place of the second of (1):
+ *     V = 1 from a start without knowledge; from a coarser solution V is smaller where it is brighter
+ *         than usual: V_q = (c + y_q / y_usual)^(-1/2),  y = sum of the lanes of x - L x / 8  (2a)
+ * If an earlier volume predicts the frame (temporal.h), this term replaces the second of (1):
  *     lambda/2 (||V^(1/2) L (x - a xhat)||^2 + nu ||x - xhat||^2)                             (1b)
  * with lambda nu (x - xhat) in g, lambda nu in H and its diagonal.
  * One iteration:
  *     phi = g where x > 0 or g < 0, else 0          (the bound holds where it should)       (3)
  *     d   = -M phi + beta d,  beta = max(0, phi'M(phi - phi_old) / phi_old'M phi_old)       (4)
  *     x   = max(0, x + alpha d),  alpha = -phi'd / d'Hd                                     (5)
- * H = A'WA + lambda L V L, M = 1/diag(H).  Where (5) clips nothing this is plain CG.  Where it clips,
- * the step is s = alpha (d + e), and e is not 0 in the clipped columns alone: A e is added to A d.
- * f is known after the step; should it have risen, x goes back along s to the least f there, which is
- * feasible because the set is convex: so f never rises.  When d is no descent direction the lane restarts
- * from -M phi.
+ * H = A'WA + lambda L V L, M = 1/diag(H).  Without clipping in (5) this is plain CG.  With clipping the step is s =
+ * alpha (d + e), where e is not 0 only in the clipped columns: A e is added to A d.  f is known after the step.  If
+ * it has risen, x goes back along s to the least f there, which is feasible because the set is convex.  So f never
+ * rises.  When d is no descent direction, the lane restarts from -M phi.
  * alpha, beta, lambda are per channel.
- * From a coarser solution V and the automatic lambda are renewed some times (renewal.h): r and L x stay.  In between
- * the objective never rises.  The report says after which iterations it is another one.
- * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
- * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
- * arrangement is our own.
+ * From a coarser solution V and the automatic lambda are renewed some times (renewal.h): r and L x stay.  Between
+ * renewals the objective never rises.  The report lists the iterations after which the objective is another one.
+ * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside Bertsekas' projection
+ * of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the arrangement is our own.
  * Cost per iteration: A and A' once, some 20 passes over a vector of voxels, one read or write each. */
 #include <math.h>
 #include <string.h>
@@ -31,8 +29,8 @@
 #include "recon/solve/stop.h"
 
 #define DEFAULT_ITERATIONS 30
-#define STILL              1e-7 /* share of the objective below which nothing moves any more */
-#define REFRESH            64   /* iterations after which A x is formed anew */
+#define STILL              1e-7 /* relative change of the objective that counts as no change */
+#define REFRESH            64   /* after so many iterations A x is computed anew */
 
 /* ---- the method ---------------------------------------------------------------------------------*/
 
@@ -43,7 +41,7 @@ static void pcg_swap(float **a, float **b)
     *b = t;
 }
 
-/* The penalty and ||x||^2 from what a pass that forms lx has left at `slot`. */
+/* Takes the penalty and ||x||^2 that a pass that forms lx left at `slot`. */
 static void take_penalty(struct rec_pcg *t, size_t slot)
 {
     size_t end = slot + rec_column_chunks(t->pb);
@@ -51,14 +49,14 @@ static void take_penalty(struct rec_pcg *t, size_t slot)
     rec_sum(t->pb, slot, end, S_B, t->norm2);
 }
 
-/* Second differences of t->x. */
+/* Computes the second differences of t->x. */
 static void smoothness(struct rec_pcg *t)
 {
     const struct rec_pcg_passes *pass = t->pass;
     pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
     take_penalty(t, 0);
 }
-/* Residual and second differences of t->x anew; rwr = r'Wr. */
+/* Computes the residual and second differences of t->x anew; rwr = r'Wr. */
 static void refresh(struct rec_pcg *t, double rwr[4])
 {
     rec_residual(t->pb, t->x, t->r, t->q, rwr);
@@ -66,7 +64,7 @@ static void refresh(struct rec_pcg *t, double rwr[4])
     smoothness(t);
 }
 
-/* d and alpha; false: no lane can move any more. */
+/* Sets d and alpha; false: no lane can move any more. */
 static bool line_search(struct rec_pcg *t, const double gamma[4])
 {
     rec_problem *pb = t->pb;
@@ -108,7 +106,7 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
     return moving;
 }
 
-/* x, r, q = W r, lx one step further, phi_old the former phi; t->next is then the former x. */
+/* Moves x, r, q = W r, lx one step further; t->next is then the former x. */
 static void pcg_advance(struct rec_pcg *t, bool anew, double rwr[4])
 {
     rec_problem *pb = t->pb;
@@ -150,8 +148,8 @@ static void differentiate(struct rec_pcg *t, pvx_task_fn gradient, double gamma[
     rec_sum(pb, 0, chunks, S_B, cross);
 }
 
-/* Some lane's f rose in the step from t->next to t->x: to the least f along that step.  f(t) = f0 +
- * t phi's + t^2 (f1 - f0 - phi's). */
+/* If f of some lane rose in the step from t->next to t->x, moves x to the least f along that step:
+ *   f(t) = f0 + t phi's + t^2 (f1 - f0 - phi's). */
 static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], double rwr[4])
 {
     rec_problem *pb = t->pb;
@@ -172,7 +170,7 @@ static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], d
     refresh(t, rwr);
 }
 
-/* Whether the objective of some lane did. */
+/* Whether the objective of some lane has risen. */
 static bool risen(const rec_problem *pb, const double now[4], const double before[4])
 {
     bool rose = false;
@@ -211,7 +209,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     struct rec_renewal renewal;
     struct rec_stopper stop;
     double gamma[4], cross[4], rwr[4], f[4], now[4], next[4];
-    const int most_tries = pb->in.least != NULL ? 4 : 1; /* f is no parabola along a step then */
+    const int most_tries = pb->in.least != NULL ? 4 : 1; /* bounds: f is no parabola along a step */
 
     rec_pcg_passes_init(&table, pb->a->k->cpu);
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */

@@ -9,7 +9,7 @@
 
 #define PAGE 4096
 
-/* `bytes` more from `base` on, in pages of their own. */
+/* Places `bytes` more after `base`, in pages of their own. */
 static void *problem_place(char *base, size_t *end, size_t bytes)
 {
     size_t at = *end;
@@ -17,7 +17,7 @@ static void *problem_place(char *base, size_t *end, size_t bytes)
     return base == NULL ? NULL : base + at;
 }
 
-/* All work areas one after the other; how much they take. */
+/* Places all work areas one after the other; returns their total size. */
 static size_t problem_lay_out(rec_problem *pb, char *base)
 {
     size_t n = pb->n_max, rows = pb->room, lane = (size_t)pb->cs * sizeof(float), end = 0;
@@ -147,7 +147,8 @@ void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double o
 
 /* ---- the way in ---------------------------------------------------------------------------------*/
 
-/* Weight of row i from the pictures': that of all channels, or of each and the most of them. */
+/* Weight of row i from the pictures: that of all channels.  With weights per channel, stores each and returns the
+ * largest. */
 static float load_weight(rec_problem *pb, size_t i, double measured[4], double sum[4])
 {
     float least = pb->in.least != NULL && pb->in.least_of[i] != 0 ? pb->in.least[i] : 0, most = 0;
@@ -166,7 +167,7 @@ static float load_weight(rec_problem *pb, size_t i, double measured[4], double s
     return most;
 }
 
-/* A bin that is no row weighs nothing. */
+/* A bin that is not a row has weight 0. */
 static void load_nothing(rec_problem *pb, size_t i)
 {
     size_t cs = (size_t)pb->cs;
@@ -176,7 +177,7 @@ static void load_nothing(rec_problem *pb, size_t i)
         memset(pb->w4 + i * 4, 0, 4 * sizeof *pb->w4);
 }
 
-/* b and w on A's rows, ||W^(1/2) b||^2, the number of measured rows, sum of w b per lane. */
+/* Sets b and w on A's rows; sums ||W^(1/2) b||^2, the number of measured rows, w b per lane. */
 static void load_chunk(void *ctx, size_t k)
 {
     rec_problem *pb = ctx;
@@ -218,7 +219,7 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
     pb->renewals = REC_RENEWALS;
     size_t rows = rec_row_chunks(pb);
     double sum[4], weight[4];
-    /* Where windows lie that are not there: another level's rows may have been. */
+    /* Clears the place of windows that do not exist: rows of another level may have been there. */
     size_t nowhere = a->win.nowhere * (size_t)pb->cs, end = a->win.room * (size_t)pb->cs;
     for (int i = 0; i < N_YVEC; i++)
         memset(pb->yv[i] + nowhere, 0, (end - nowhere) * sizeof *pb->yv[i]);

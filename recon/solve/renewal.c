@@ -35,7 +35,7 @@ void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
     rec_sum(t->pb, 0, chunks, S_A, penalty);
 }
 
-/* Whether some channel's lambda is another one by more than RESTLESS. */
+/* Whether the lambda of some channel changed by more than the factor RESTLESS. */
 static bool renewal_restless(const struct rec_pcg *t, const double before[4])
 {
     bool restless = false;

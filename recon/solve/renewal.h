@@ -9,8 +9,8 @@
  *     FIXED   the weights stay: the minimiser is that of one convex problem
  *
  * A renewal is restless when it changes the lambda of some channel by more than a factor 2.  The limit is 6, on a
- * coarser grid 1: what it finds is renewed on the next finer one (levels.h).  A start that knows nothing begins FIXED:
- * V is 1, and its first iterates say little of the flame.
+ * coarser grid 1: the next finer grid renews its weights (levels.h).  A start without knowledge begins FIXED:
+ * V is 1, and its first iterates tell little about the flame.
  * Private to the solver. */
 #ifndef REC_RENEWAL_H
 #define REC_RENEWAL_H
@@ -19,19 +19,20 @@
 struct rec_renewal {
     enum { REC_WEIGHTS_FOLLOW, REC_WEIGHTS_DUE, REC_WEIGHTS_FIXED } state;
     uint32_t limit;      /* renewals, at most */
-    uint32_t done, last; /* how many there were; the iteration of the last one */
-    bool restless;       /* the last one was */
+    uint32_t done, last; /* number of renewals; the iteration of the last one */
+    bool restless;       /* the last renewal was restless */
 };
 
 void rec_renewal_begin(struct rec_renewal *r, const rec_problem *pb);
 /* Whether the weights are due after iteration k, which moved x by the share `moved` of ||x||. */
 bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved);
-/* Renews V, lambda, the penalty and lx of `t` from t->x; rwr: r'Wr.  The objective and its gradient are other ones from
- * here on.  Directions stay: few columns change much, and (4) restarts a lane whose direction is no descent any more. */
+/* Renews V, lambda, the penalty and lx of `t` from t->x; rwr: r'Wr.  This changes the objective and its gradient.
+ * The directions stay: few columns change much, and (4) restarts a lane whose direction is no longer a descent
+ * direction. */
 void rec_renewal_take(struct rec_renewal *r, struct rec_pcg *t, const double rwr[4],
                       struct rec_solve_report *out);
 
-/* V from t->x and lx, and V lx; the penalty with it, and the columns with x > 0 per lane. */
+/* Sets V from t->x and lx, then V lx; also returns the penalty, and the number of columns with x > 0, per lane. */
 void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4]);
 
 #endif

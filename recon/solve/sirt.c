@@ -8,12 +8,11 @@
  * f rise.  SIRT in the literature also divides row i by (A 1)_i.  That minimises another norm, in
  * which short rays count more than equal noise warrants: least error on the ring flame with 1 %
  * noise 0.19 instead of 0.16 (box), 0.21 instead of 0.13 (trilinear).
- * (2): A y is the same sum of A x and A x_old, so a step takes one product, and gives the residual
- * at x as well.  Where a step turns back, (y - x)'C^-1 (x - x_old) > 0, the lane starts over: s =
- * 1. Source: P. Gilbert, J. Theor. Biol. 36:105, 1972; J. Gregor, T. Benson, IEEE Trans. Med.
- * Imag. 27(7):918, 2008; C from H. Erdogan, J. Fessler, Phys. Med. Biol. 44:2835, 1999.  (2): A.
- * Beck, M. Teboulle, SIAM J. Imaging Sci. 2(1):183, 2009; the restart: B. O'Donoghue, E. Candes,
- * Found. Comput. Math. 15:715, 2015. */
+ * (2): A y is the same sum of A x and A x_old, so a step takes one product and also gives the residual at x.
+ * If a step turns back, (y - x)'C^-1 (x - x_old) > 0, the lane restarts with s = 1.
+ * Source: P. Gilbert, J. Theor. Biol. 36:105, 1972; J. Gregor, T. Benson, IEEE Trans. Med. Imag. 27(7):918,
+ * 2008; C from H. Erdogan, J. Fessler, Phys. Med. Biol. 44:2835, 1999.  (2): A. Beck, M. Teboulle, SIAM J.
+ * Imaging Sci. 2(1):183, 2009; the restart: B. O'Donoghue, E. Candes, Found. Comput. Math. 15:715, 2015. */
 #include <float.h>
 #include <math.h>
 

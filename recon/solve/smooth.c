@@ -24,8 +24,8 @@ void rec_smooth_init(struct rec_smooth *s, const struct rec_grid *g)
     }
 }
 
-/* End of the columns that follow one another from q on: they ascend, so two as far apart as their numbers
- * have all between them. */
+/* End of the consecutive columns from q on.  Columns ascend, so if two of them differ by as much as their places in
+ * the list, all voxels between them are in the list. */
 static int32_t contiguous(const struct rec_subsys *a, int32_t q)
 {
     for (int32_t by = 16; by > 0; by /= 4)
@@ -34,13 +34,14 @@ static int32_t contiguous(const struct rec_subsys *a, int32_t q)
     return q + 1;
 }
 
-/* Where the neighbours of q lie at a fixed offset: col ascends, so `at` moves forward with q, no search. */
+/* Finds the neighbours of q at a fixed offset.  col ascends, so `at` only moves forward with q. */
 struct cursor {
-    bool inside;     /* they are in the grid */
-    int32_t step;    /* to their number */
-    int32_t at, end; /* the first column that is not before q's; of those that follow one another */
+    bool inside;     /* the neighbours are in the grid */
+    int32_t step;    /* offset of the neighbour's voxel number */
+    int32_t at, end; /* first column not before the neighbour; end of the consecutive ones */
 };
-/* Whether column q, of number v, has one; *len: of how many, from q on, this holds. */
+/* Whether column q, voxel number v, has this neighbour.  *len: limited to the number of columns from q on for which
+ * the answer holds. */
 static bool has_neighbour(const struct rec_subsys *a, struct cursor *c, int32_t v, int32_t *len)
 {
     if (!c->inside)
@@ -63,8 +64,7 @@ void rec_smooth_runs(struct rec_smooth *s, const struct rec_subsys *a, int32_t q
     const int32_t layer = g->n[0] * g->n[1];
     struct cursor c[4] = {{.step = -g->n[0]}, {.step = g->n[0]}, {.step = -layer}, {.step = layer}};
     struct rec_run *run = s->run + q0;
-    int32_t ijk[3] = {0}, row = q0,
-            len; /* row: end of the voxels of a row that follow one another */
+    int32_t ijk[3] = {0}, row = q0, len; /* row: end of the consecutive voxels of a row */
     for (int f = 0; f < 4 && q0 < q1; f++)
         c[f].at = rec_first_column(a->col, a->n, a->col[q0] + c[f].step);
     for (int32_t q = q0; q < q1; q += len, ijk[0] += len, run++) {
@@ -92,7 +92,7 @@ void rec_smooth_runs(struct rec_smooth *s, const struct rec_subsys *a, int32_t q
         int32_t furthest = 0;
         for (int f = 1; f < 6; f += 2)
             furthest = run->far[f] > furthest ? run->far[f] : furthest;
-        for (int f = 0; f < 4; f++) /* theirs follow one another too */
+        for (int f = 0; f < 4; f++) /* their neighbours are consecutive too */
             c[f].at += run->have >> (2 + f) & 1 ? len : 0;
         run->end = q + len;
         run->room = a->n - run->end - furthest;

@@ -1,24 +1,23 @@
 /* smooth.h - the smoothness operator of the solvers: second differences on the active voxels.
  *
  *     (L x)_q = sum over axes a_i (2 x_q - x_(q-) - x_(q+)),  a_i = (h_min/h_i)^2             (1)
- * q-, q+: neighbours of voxel q along axis i.  Where the neighbour is not active its value is 0: the
- * hull says that nothing burns there, so a flame has to fade towards the hull's edge.  L is
- * symmetric.  ||L x||^2 penalises curvature: the field it expects has a power spectrum ~ k^-4, close
- * to the k^-11/3 of a scalar mixed by turbulence (Kolmogorov; Obukhov, Izv. AN SSSR 13:58, 1949),
- * where first differences expect k^-2, far too rough: they cost 15 to 40 % more error on every flame
- * that was tried (NUMERICS.md).
- * Voxels that follow one another along x mostly have their neighbours at the same distances in the list
- * of active voxels: such a run of them is a plain loop over seven contiguous pieces of x.
+ * q-, q+: neighbours of voxel q along axis i.  A neighbour that is not active has the value 0: nothing burns
+ * outside the hull, so a flame has to fade towards the hull's edge.  L is symmetric.  ||L x||^2 penalises
+ * curvature.  It assumes a field with a power spectrum ~ k^-4, close to the k^-11/3 of a scalar mixed by
+ * turbulence (Kolmogorov; Obukhov, Izv. AN SSSR 13:58, 1949).  First differences assume k^-2, which is far too
+ * rough: they cost 15 to 40 % more error on every flame that was tried (NUMERICS.md).
+ * Consecutive voxels along x mostly have their neighbours at the same distances in the list of active voxels.
+ * Such a run of voxels is a plain loop over seven contiguous pieces of x.
  * Private to the solvers. */
 #ifndef REC_SMOOTH_H
 #define REC_SMOOTH_H
 #include "recon/matrix/subsys.h"
 #include "recon/simd/wide.h"
 
-/* Active voxels, up to the next run, with their neighbours as distances in the list, 0 where there is none. */
+/* A run of active voxels.  Their neighbours are given as distances in the list, 0 if there is none. */
 struct rec_run {
     int32_t end;    /* the first voxel after it */
-    int32_t room;   /* how many after it could be read at the same distances */
+    int32_t room;   /* how many voxels after it can be read at the same distances */
     int32_t far[6]; /* to -, + of each axis */
     uint32_t have;  /* bit 2i, 2i+1: has a neighbour at -, + of axis i */
 };
@@ -30,7 +29,7 @@ struct rec_span {
 
 struct rec_smooth {
     struct rec_run
-        *run;           /* [n] those of the voxels [q0,q1) that were told together lie from q0 on */
+        *run;           /* [n] the runs of voxels [q0,q1) of one rec_smooth_runs call begin at q0 */
     float *diag2;       /* [n] diagonal of L L */
     float axis[3];      /* a_i */
     float centre[64];   /* by `have`: factor of x_q in (1), plus a_i for each missing neighbour,
@@ -44,8 +43,8 @@ void rec_smooth_init(struct rec_smooth *s, const struct rec_grid *g);
 void rec_smooth_runs(struct rec_smooth *s, const struct rec_subsys *a, int32_t q0, int32_t q1);
 
 #define REC_SMOOTH_PAD (REC_WIDE - 1)
-/* (1) at the first `end` floats of v, which are of one run; up to REC_SMOOTH_PAD more are written where they can be
- * read: that is faster than to look after each. */
+/* (1) at the first `end` floats of v, which are of one run.  Up to REC_SMOOTH_PAD more are written if they can be
+ * read: that is faster than a check for each. */
 REC_INLINE void rec_smooth_run(const struct rec_smooth *s, const struct rec_run *e, const float *v,
                                size_t cs, size_t end, float *out)
 {
@@ -66,8 +65,8 @@ REC_INLINE void rec_smooth_run(const struct rec_smooth *s, const struct rec_run 
         out[k] = c * v[k] -
                  (a * (n[0][k] + n[1][k]) + b * (n[2][k] + n[3][k]) + d * (n[4][k] + n[5][k]));
 }
-/* (1) at some voxels of v [n][cs] into out, which has room for REC_SMOOTH_PAD floats more; `run` is the one of
- * the first of them, then that of the one after. */
+/* (1) at the voxels `of` of v [n][cs] into out, which has room for REC_SMOOTH_PAD more floats.  `run`: in, the run of
+ * the first voxel; out, the run of the voxel after the last. */
 REC_INLINE void rec_smooth_over(const struct rec_smooth *s, const struct rec_run **run,
                                 const float *v, size_t cs, struct rec_span of, float *out)
 {

@@ -28,7 +28,7 @@ const char *const *rec_solver_names(void)
     return names;
 }
 
-/* Its place among the methods, or that of the NULL. */
+/* Index of the method, or that of the NULL. */
 static size_t solve_find(const char *name)
 {
     size_t i = 0;
@@ -42,14 +42,14 @@ bool rec_solver_is_default(const char *name)
     return solve_find(name) == 0;
 }
 
-/* The method, and of the report what it left open. */
+/* Runs the method, and fills in the report what the method left open. */
 static void solve_do_run(rec_problem *pb, rec_method *method, const struct rec_solve_params *p,
                          float *x, struct rec_solve_report *out)
 {
     double rwr[4];
     out->residual_norm = out->solution_norm = -1;
     if (rec_late(p))
-        out->status = REC_DEADLINE; /* x as it is, and no time for more */
+        out->status = REC_DEADLINE; /* x stays as it is: no time left */
     else
         method(pb, p, x, out);
     if (out->residual_norm < 0) {
@@ -75,7 +75,7 @@ pvx_err rec_solve(rec_problem *pb, const struct rec_solve_params *p, float *x,
         solve_do_run(pb, methods[i], p, x, out);
     else
         memset(x, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *x);
-    pb->start = REC_START_NONE; /* x is no start any more */
+    pb->start = REC_START_NONE; /* x is no longer a start */
     out->time_ns = pvx_now_mono() - begin;
     return PVX_OK;
 }

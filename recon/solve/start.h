@@ -1,10 +1,10 @@
-/* start.h - where an iteration starts: at zero or at an earlier volume; levels.h: at the solution on coarser grids.
+/* start.h - the initial x: zero or an earlier volume (levels.h: the solution on coarser grids).
  *
- * An earlier volume may fit worse than nothing, and that must not come out at a deadline: each lane of it
- * is scaled to the best fit on its ray,
+ * An earlier volume may fit worse than zero, and such a volume must not be the result at a deadline.  So each
+ * lane is multiplied by the factor of the best fit,
  *     alpha = max(0, (A x)'W b / (A x)'W (A x))                                              (1)
- * so that the residual never exceeds ||b|| and an old flame of another brightness costs no iterations.
- * After rec_problem_load one of these or rec_levels_start, then rec_solve; x [n][cs].
+ * Then the residual never exceeds ||b||, and an old flame of another brightness costs no iterations.
+ * Call one of these or rec_levels_start after rec_problem_load, then rec_solve; x [n][cs].
  * Threads: as for the problem.  Nothing is allocated. */
 #ifndef REC_START_H
 #define REC_START_H

@@ -2,15 +2,15 @@
 
 #include <math.h>
 
-#define BEYOND 6   /* points after a corner before it is believed */
+#define BEYOND 6   /* points after a corner before it is accepted */
 #define NEAR   4.0 /* residual^2 over sigma^2 m from which a stall counts */
 
-/* A first iteration that hardly moves x says that the start was good: what follows is worth less. */
+/* If the first iteration hardly moves x, the start was good, and further iterations bring less. */
 #define GOOD_START 0.03 /* share of ||x|| */
-#define THEN       1.5  /* own.still counts so many times from then on, */
-#define AT_ONCE    2.0  /* and so many times in that first iteration */
+#define THEN       1.5  /* own.still is multiplied by this from then on, */
+#define AT_ONCE    2.0  /* and by this in the first iteration */
 
-/* What the noise is expected to leave of the residual, squared; 0: it is unknown, or none. */
+/* The squared residual that the noise is expected to leave; 0: unknown, or none. */
 static double noise2_of(const rec_problem *pb)
 {
     double sum = 0;

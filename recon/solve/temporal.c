@@ -8,8 +8,8 @@
 #include "recon/solve/impl.h"
 
 #define WHITE   1.0 /* nu of (1b) in pcg.c */
-#define KEPT    0.9 /* of the volume before: with all of it errors that no picture shows add up */
-#define LIGHTER 0.5 /* lambda over that without */
+#define KEPT    0.9 /* share of the previous volume: with all of it, unseen errors add up */
+#define LIGHTER 0.5 /* factor on lambda at full trust */
 
 struct rec_temporal {
     struct rec_grid grid;
@@ -50,7 +50,7 @@ void rec_temporal_free(rec_temporal **t)
 
 /* ---- (1) ----------------------------------------------------------------------------------------*/
 
-/* Catmull and Rom's weights of the four voxels around x along an axis of n; beyond the grid is nothing. */
+/* Catmull and Rom's weights of the four voxels around x along an axis of n; 0 beyond the grid. */
 struct taps {
     int32_t i[4];
     float w[4];
@@ -108,7 +108,7 @@ static void move_chunk(void *ctx, size_t k)
 
 /* ---- (2) ----------------------------------------------------------------------------------------*/
 
-/* 0 at `none`, 1 at `all`, and beyond; 0 for NaN. */
+/* 0 at `none`, 1 at `all`, linear between, constant beyond; 0 for NaN. */
 static double temporal_ramp(double x, double none, double all)
 {
     double r = (x - none) / (all - none);

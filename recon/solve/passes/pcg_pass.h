@@ -1,8 +1,8 @@
 /* pcg_pass.h - the loops of pcg.c over voxels and rays, compiled once per instruction set.
  *
- * Each runs over the fixed chunks of subsys.h and leaves its sums in the workspace's partial results,
- * so nothing depends on the threads; without the gather kernels' FMA, not on the instruction set
- * either.  Equations (1) to (5) are those of pcg.c.
+ * Each runs over the fixed chunks of subsys.h and writes its sums to the partial results of the workspace, so nothing
+ * depends on the threads.  Except for the FMA of the gather kernels, nothing depends on the instruction set either.
+ * Equations (1) to (5) are those of pcg.c.
  * Private to the solver. */
 #ifndef REC_PCG_PASS_H
 #define REC_PCG_PASS_H
@@ -10,8 +10,8 @@
 
 enum { S_A, S_B, S_C };
 
-/* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
- * slabs for clipped. */
+/* ctx: struct rec_pcg.  A task is a chunk of columns.  For curvature and residual it is a chunk of rows, and after
+ * those one of columns; for clipped it is a slab. */
 struct rec_pcg_passes {
     pvx_task_fn expected;  /* lhat = a L expect */
     pvx_task_fn begin;     /* neighbours; V = 1; d = 0 */
@@ -50,7 +50,7 @@ struct rec_pcg {
 
 /* Fill the table for `cpu`: all slots with the reference, then an instruction set's over them. */
 void rec_pcg_passes_init(struct rec_pcg_passes *p, enum pvx_cpu cpu);
-/* What each file offers to that: a function that overwrites its slots. */
+/* One function of each file, which overwrites the slots that the file implements. */
 void rec_pcg_passes_ref(struct rec_pcg_passes *p);
 #if defined(__x86_64__)
 void rec_pcg_passes_avx2(struct rec_pcg_passes *p);

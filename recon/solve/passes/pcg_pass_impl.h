@@ -5,22 +5,22 @@
 
 #include "recon/solve/passes/pcg_pass.h"
 
-/* What a pass reads at its elements: by value, so that nothing that it stores could be part of it. */
+/* Inputs of a pass at its elements.  They are a copy, so that no store of the pass can change them. */
 struct elements {
     struct rec_pcg v;
     rec_fw a, b;  /* coefficients of the pass */
-    rec_fw share; /* of the problem */
+    rec_fw share; /* pb->share */
     const float *diag;
     const float *lap; /* L of the vector that the pass asks for, */
     size_t from;      /* from here on */
     struct rec_sum sum[4];
-    size_t half; /* the one of the sums that the next floats begin with */
+    size_t half; /* the half of the sums with which the next floats begin */
     size_t chunk;
 };
-#define PIECE 256 /* columns whose L is at hand at a time */
+#define PIECE 256 /* columns per piece, for which L is computed at a time */
 
-/* at(&e, i, m, cs) at all floats of chunk k of the columns, m = REC_WIDE from i on and at the end what is left, with
- * L of the vector `of` at hand where that is not NULL; the first sums to partial results `slot`. */
+/* Calls at(&e, i, m, cs) over all floats of chunk k of the columns: m = REC_WIDE floats from i on, fewer at the end.
+ * If the vector `of` is not NULL, e.lap holds L of it.  The first `sums` sums go to partial results `slot`. */
 #define OVER(t, k, slot, cs, at, alpha, beta, of, sums)                             \
     do {                                                                            \
         struct elements e_ = {.v = *(t),                                            \
@@ -99,7 +99,7 @@ static void direction_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, direction, t->beta, t->lambda, NULL, 1);
 }
 
-/* lx = V L x and what f has of it. */
+/* lx = V L x, and its part of f. */
 REC_INLINE void put_lx(struct elements *e, size_t i, size_t m, size_t cs, rec_fw lap)
 {
     const struct rec_pcg *t = &e->v;
@@ -150,7 +150,7 @@ static void lx_chunk(void *ctx, size_t k)
     lx_to(ctx, k, k);
 }
 
-/* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: d'L V L d. */
+/* The parts of d'Hd.  Rows: q = A d, q'Wq.  Columns: d'L V L d. */
 static void curvature_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
@@ -190,7 +190,7 @@ static void step_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, step, t->alpha, nothing, NULL, 1);
 }
 
-/* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image. */
+/* e = s/alpha - d, which is 0 except in clipped columns; adds A e to the slab's image. */
 REC_INLINE void clipped(struct rec_pcg *t, size_t slab, size_t cs)
 {
     const rec_problem *pb = t->pb;
@@ -218,7 +218,7 @@ static void clipped_slab(void *ctx, size_t slab)
     t->pb->a->cs == 4 ? clipped(t, slab, 4) : clipped(t, slab, 1);
 }
 
-/* Rows: q = A d, where columns were clipped + A e, r += alpha q, r'Wr, q = W r.  Columns: lx. */
+/* Rows: q = A d, plus A e if columns were clipped; r += alpha q, r'Wr, q = W r.  Columns: lx. */
 static void residual_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
@@ -235,9 +235,9 @@ static void residual_task(void *ctx, size_t i)
                           : rec_rows_step(t->pb, i, 1, false, t->alpha, t->r, t->q, t->q, out);
 }
 
-/* (2a): how much a flame curves goes with how bright it burns.  DARK keeps the dark parts from being
- * held more than about three times as firmly as the bright ones.  x - L x / 8 is the mean of x and its
- * neighbours, and lx has L x already. */
+/* (2a): the curvature of a flame grows with its brightness.  DARK limits how firmly dark parts are held: at most
+ * about three times as firmly as the bright ones.  x - L x / 8 is the mean of x and its neighbours; lx already holds
+ * L x. */
 #define DARK 0.09F
 REC_INLINE void brightness(struct elements *e, size_t i, size_t m, size_t cs)
 {
@@ -249,7 +249,7 @@ REC_INLINE void brightness(struct elements *e, size_t i, size_t m, size_t cs)
         whole += rec_wide(e->v.lhat, i, m);
     rec_fw y = x - rec_wide_splat(0.125F) * whole;
     rec_put_wide(t->lx, i, m, lap);
-    if (cs == 4) { /* of a column in its lane 0 */
+    if (cs == 4) { /* the sum of a column goes into its lane 0 */
         rec_f4 u = rec_four(y, 0), v = rec_four(y, REC_WIDE / 4 - 1);
         u = (rec_f4){(u[0] + u[1]) + (u[2] + u[3])};
         v = (rec_f4){(v[0] + v[1]) + (v[2] + v[3])};
@@ -276,7 +276,7 @@ REC_INLINE void stiffen(struct elements *e, size_t i, size_t m, size_t cs)
 static void stiffness_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    bool bright = t->usual > 1 / (double)FLT_MAX; /* 1/usual is a float */
+    bool bright = t->usual > 1 / (double)FLT_MAX; /* 1/usual fits a float */
     float scale = bright ? (float)(1 / t->usual) : 0, dark = bright ? DARK : 1;
     const float *y = t->next, *diag2 = t->smooth.diag2;
     float *restrict by = t->stiff.by, *restrict inverse = t->stiff.inverse;
@@ -319,7 +319,7 @@ static void gradient_chunk(void *ctx, size_t k)
     regradient_chunk(t, k);
 }
 
-/* phi's and s's of the step from x to next; x in place of next at `back` of the way, a. */
+/* slope: phi's of the step s from x to next.  retreat: moves next to the share `back` (a) of the way from x. */
 REC_INLINE void slope(struct elements *e, size_t i, size_t m, size_t cs)
 {
     const struct rec_pcg *t = &e->v;
