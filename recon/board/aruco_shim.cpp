@@ -19,7 +19,7 @@
 namespace
 {
 
-/* Run f() and turn whatever it throws into an error. */
+/* Run f() and turn any exception into an error. */
 template <typename F> int guarded(F f) noexcept
 {
     try {
@@ -52,7 +52,7 @@ cv::Mat mat(const struct rec_cv_picture *p)
     return cv::Mat(p->height, p->width, CV_8UC1, const_cast<uint8_t *>(p->grey), p->stride);
 }
 
-/* The dictionary with, behind its markers, the same mirrored: the first that fits is what a marker is taken for. */
+/* The dictionary followed by its markers mirrored.  A marker counts as the first entry that fits. */
 cv::Ptr<cv::aruco::Dictionary> both_sides(int index)
 {
     static std::mutex lock;
@@ -82,7 +82,7 @@ void scaled(cv::Mat &img, double scale)
     cv::resize(img, out, cv::Size(), scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
     if (scale > 1) {
         cv::GaussianBlur(out, soft, cv::Size(), scale);
-        cv::addWeighted(out, 4, soft, -3, 0, out); /* what is one pixel apart comes apart */
+        cv::addWeighted(out, 4, soft, -3, 0, out); /* separates details one pixel apart */
     }
     img = out;
 }
@@ -101,7 +101,7 @@ int markers(const struct rec_cv_picture *p, const struct rec_cv_search *s,
         auto par = cv::aruco::DetectorParameters::create();
         par->adaptiveThreshConstant = s->darker;
         par->minMarkerPerimeterRate = 4 * s->min_side * s->scale / std::max(img.cols, img.rows);
-        par->minMarkerDistanceRate = 0.02; /* squares of a board lie close */
+        par->minMarkerDistanceRate = 0.02; /* squares of a board lie close together */
         par->minDistanceToBorder = 1;
         std::vector<std::vector<cv::Point2f>> quad, rejected;
         std::vector<int> id;
@@ -113,7 +113,7 @@ int markers(const struct rec_cv_picture *p, const struct rec_cv_search *s,
             bool mirrored = out[i].mirrored = id[i] >= plain;
             out[i].id = id[i] - (mirrored ? plain : 0);
             for (int c = 0; c < 4; c++) {
-                /* contours run through the middles of the outermost pixels: half a pixel out */
+                /* contours run through the middles of the outermost pixels, so move them out by half a pixel */
                 cv::Point2f at = quad[i][c], a = at - quad[i][(c + 1) % 4],
                             b = at - quad[i][(c + 3) % 4];
                 at += a * (0.5 / cv::norm(a)) + b * (0.5 / cv::norm(b));

@@ -1,10 +1,10 @@
-/* board.h - a calibration board, and what a camera saw of it.
+/* board.h - a calibration board, and a camera's view of it.
  *
  * Board coordinates [m]: the front's first inner corner (aprilgrid: the first marker's first corner) is the
- * origin, x along a row of the print, y down the print, z into the board, so that a camera that sees the
- * front has the board's z axis pointing away from it.  A two-sided board has a mirrored back: the print on
- * the back is such that the corner `id` of the back lies exactly behind the corner `id` of the front, at
- * z = thickness.  Corner ids count along rows, row by row, the same on both faces. */
+ * origin, x along a row of the print, y down the print, z into the board, so that a camera that sees the front has
+ * the board's z axis pointing away from it.  A two-sided board has a mirrored back: the print on the back is such
+ * that the corner `id` of the back lies exactly behind the corner `id` of the front, at z = thickness.  Corner ids
+ * count along rows, row by row, the same on both faces. */
 #ifndef REC_BOARD_H
 #define REC_BOARD_H
 #include <stdbool.h>
@@ -26,7 +26,7 @@ struct rec_board {
     double thickness; /* m; NAN: to be estimated */
 };
 
-/* How many corners a face has, and where one lies [m] (see above; thickness NAN counts as 0). */
+/* Number of corners of a face, and the place of one [m] (see above; thickness NAN counts as 0). */
 uint32_t rec_board_corners(const struct rec_board *b);
 void rec_board_point(const struct rec_board *b, enum rec_board_face face, uint32_t id,
                      double xyz[3]);
@@ -38,7 +38,7 @@ struct rec_board_corner {
     double cov[3]; /* xx, xy, yy, px^2 */
 };
 
-/* One face of the board in one picture.  Owner of corner[]: whoever made the view. */
+/* One face of the board in one picture.  Owner of corner[]: the code that made the view. */
 struct rec_board_view {
     uint32_t camera; /* index */
     uint32_t frame;  /* pictures of one instant have one number */

@@ -7,21 +7,21 @@
 #include "recon/geom/spd.h"
 
 #define R_MAX  9 /* px, half a window's side */
-#define M_MAX  9 /* px around it, for the blur */
+#define M_MAX  9 /* px around the window, for the blur */
 #define SIDE   (2 * (R_MAX + M_MAX) + 1)
-#define REACH  0.47 /* of a square, what of the board is looked at */
+#define REACH  0.47 /* share of a square around the corner that is compared */
 #define BLUR_0 0.2  /* px, limits of the blur */
 #define BLUR_1 3.5
-#define FLOOR  0.015 /* px, what a lens bends within a window and print and plate are off by */
+#define FLOOR  0.015 /* px, least error: bending within a window, print and plate */
 
 struct window {
     const struct rec_field *f;
     const struct rec_print *p;
     double inverse[9], xy[2]; /* picture to board; the corner */
     double reach;             /* m */
-    double hx, hy;            /* m, half of what a pixel covers */
+    double hx, hy;            /* m, half the extent of a pixel */
     int r, m;                 /* px */
-    int u0, v0;               /* its middle pixel */
+    int u0, v0;               /* the window's middle pixel */
     float t[SIDE * SIDE], blurred[SIDE * SIDE];
     bool use[SIDE * SIDE];
 };
@@ -79,7 +79,7 @@ static int corner_choose(struct window *w)
     return n;
 }
 
-/* The normal equations of (1), linear in (a d, a ds, a, b), solved: x [5]; A: their factor. */
+/* Solves the normal equations of (1), linear in (a d, a ds, a, b).  x [5]: solution; A: their factor. */
 static bool corner_step(const struct window *w, double sigma, double A[25], double x[5],
                         double *rss, double *tss)
 {
@@ -128,7 +128,7 @@ static bool corner_prepare(struct window *w, const double h[9], const double uv[
     w->reach = REACH * square;
     far = w->reach * fmax(fabs(duv[0]) + fabs(duv[1]), fabs(duv[2]) + fabs(duv[3]));
     w->r = (int)fmin(R_MAX, ceil(far));
-    /* a window that cannot hold an edge, or a map that is folded there */
+    /* else the window is too small for an edge, or the map is folded there */
     return isfinite(far) && w->r >= 3 && duv[0] * duv[3] - duv[1] * duv[2] > 0;
 }
 
@@ -163,7 +163,7 @@ bool rec_corner_refine(const struct rec_field *f, const struct rec_print *p, con
             return false;
     }
     double s2 = rss / (n - 5) / (x[3] * x[3]);
-    double e0[5] = {1}, e1[5] = {0, 1}; /* columns of the inverse, by the factor */
+    double e0[5] = {1}, e1[5] = {0, 1}; /* columns of the inverse, from the factor */
     for (int c = 0; c < 2; c++) {
         double *e = c ? e1 : e0;
         for (int i = 0; i < 5; i++) {

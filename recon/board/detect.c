@@ -11,7 +11,7 @@
 #include "recon/board/spec.h"
 
 #define ALIKE \
-    0.15 /* markers' bits with those printed; what is taken for another is within 0.1 of 0 */
+    0.15 /* least correlation of seen and printed bits; a wrong board stays within 0.1 of 0 */
 #define FEWEST 6 /* corners of a view: a homography and two to check it */
 
 pvx_err rec_board_detector_new(const struct rec_board *b, rec_board_detector **out,
@@ -98,7 +98,7 @@ static void detect_describe(const struct rec_print *print, const struct rec_grow
     free(blur);
 }
 
-/* Corners of the picture as it lies; their number. */
+/* Finds the corners in the picture, flipped or not; returns their number. */
 static size_t attempt(rec_board_detector *det, enum rec_way way, bool flipped,
                       struct rec_board_sight *out)
 {
@@ -119,7 +119,7 @@ static size_t attempt(rec_board_detector *det, enum rec_way way, bool flipped,
             det->pair[k++] =
                 (struct rec_pair){q[0], q[1], det->grown[i].fit.x, det->grown[i].fit.y, 1};
     }
-    /* two false markers make a map too */
+    /* two false markers can give a map, too */
     if (rec_print_likeness(&det->field, print, det->high - det->low, det->pair, k) < ALIKE) {
         out->markers = 0;
         return 0;
@@ -169,7 +169,7 @@ static bool contradicts(rec_board_detector *det, struct rec_board_sight *out)
     return true;
 }
 
-/* Found on the flipped picture: the back of a two-sided board, else something is mirrored. */
+/* Found in the flipped picture: this is the back of a two-sided board, else the picture or the print is mirrored. */
 static void turn_back(rec_board_detector *det, struct rec_board_sight *out)
 {
     if (det->print[0].board.two_sided) {
@@ -184,8 +184,8 @@ static void turn_back(rec_board_detector *det, struct rec_board_sight *out)
              "mirror image (the back of a two-sided board: say two-sided)");
 }
 
-/* Of a two-sided board both ways round by the cheap way first; of others the flipped picture last, and not by the
- * dearest. */
+/* A two-sided board: tries each way unflipped and flipped, the cheapest way first.  Other boards: tries the
+ * flipped picture last, and without the costliest ways. */
 static bool detect_search(rec_board_detector *det, struct rec_board_sight *out)
 {
     const struct rec_board *b = &det->print[0].board;
@@ -230,7 +230,7 @@ pvx_err rec_board_detect(rec_board_detector *det, const struct rec_board_picture
         det->looked[i].done = false;
     if (p->width >= 16 && p->height >= 16 && detect_search(det, out))
         return PVX_OK;
-    if (b->kind == REC_CHESSBOARD) /* for what to say */
+    if (b->kind == REC_CHESSBOARD) /* for the message */
         PVX_TRY(
             rec_lattice_find(&det->field, det->high - det->low, false, det->node, &det->n_nodes));
     rec_sight_why(det, out);

@@ -1,10 +1,10 @@
-/* detect.h - a board found in a picture.
+/* detect.h - finds a board in a picture.
  *
- * OpenCV finds markers (or a whole chessboard), match.h tells which of them lie as on the board, and from
- * there corner.h goes from corner to corner: each is looked for where the nearest known ones have it by a
- * local homography, so that a lens may bend the board and a marker need not be readable for the corners
- * around it to be found.  In the end every corner is laid on anew by its neighbours and kept when it looks
- * as printed and lies where they say.
+ * OpenCV finds markers (or a whole chessboard), and match.h finds which of them lie as on the board.  From there
+ * corner.h goes from corner to corner.  Each corner is searched where a local homography of the nearest known corners
+ * predicts it.  So a lens may bend the board, and the corners around an unreadable marker are still found.  At the
+ * end every corner is fitted again from its neighbours.  It is kept if it looks as printed and lies where they
+ * predict it.
  *
  * Deterministic: the same picture gives the same bits. */
 #ifndef REC_BOARD_DETECT_H
@@ -14,14 +14,14 @@
 
 enum rec_sight {
     REC_SIGHT_FOUND,
-    REC_SIGHT_NO_MARKER, /* nothing that looks like the board */
+    REC_SIGHT_NO_MARKER, /* nothing looks like the board */
     REC_SIGHT_DARK,      /* no contrast */
     REC_SIGHT_BLURRED,
     REC_SIGHT_SMALL,       /* markers or squares of too few pixels */
-    REC_SIGHT_FEW,         /* fewer corners than a pose takes */
-    REC_SIGHT_MIRRORED,    /* found on the flipped picture */
+    REC_SIGHT_FEW,         /* fewer corners than a pose needs */
+    REC_SIGHT_MIRRORED,    /* found in the flipped picture */
     REC_SIGHT_OTHER_BOARD, /* markers lie as on a board of another size */
-    REC_SIGHT_OTHER_RATIO, /* markers of another size beside their squares */
+    REC_SIGHT_OTHER_RATIO, /* another ratio of markers to squares */
     REC_N_SIGHTS
 };
 
@@ -37,11 +37,11 @@ struct rec_board_picture {
 
 struct rec_board_sight {
     enum rec_sight outcome;
-    char text[240]; /* why, and the remedy; "" when found */
+    char text[240]; /* the reason and the remedy; "" when found */
     struct rec_board_view
         view;    /* n > 0 only when found; camera and frame 0; the detector's until its next call */
     bool legacy; /* the layout of charuco squares that fits */
-    uint32_t markers; /* found that lie as on the board */
+    uint32_t markers; /* markers found that lie as on the board */
     double ratio;     /* of the markers' size to what the board says; NAN where unknown */
     double square;    /* px, mean side of a square */
     double blur;      /* px, of a Gaussian, median */
@@ -54,8 +54,8 @@ PVX_MUST_CHECK pvx_err rec_board_detector_new(const struct rec_board *b, rec_boa
                                               struct pvx_diag *d);
 void rec_board_detector_free(rec_board_detector **det);
 
-/* Errors are of memory and arguments only; what is not found is an outcome.  Pixels that are no numbers
- * count as black.  Of a two-sided board the face that is seen better.  Threads: a detector a thread.
+/* Errors are of memory and arguments only; a board that is not found is an outcome.  NaN pixels count as black.  A
+ * two-sided board gives the face that is seen better.  Threads: one detector per thread.
  * Cost: see tests/bench. */
 PVX_MUST_CHECK pvx_err rec_board_detect(rec_board_detector *det, const struct rec_board_picture *p,
                                         struct rec_board_sight *out);

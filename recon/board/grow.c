@@ -4,24 +4,24 @@
 #include <string.h>
 
 #define SEED_WEIGHT \
-    0.05 /* beside a corner that was laid on: markers' corners are off by half a pixel */
-#define FAR_WEIGHT 1e-3 /* of points many squares away, beside near ones */
+    0.05 /* of a seed relative to a fitted corner: markers' corners are off by half a pixel */
+#define FAR_WEIGHT 1e-3 /* of points many squares away, relative to near ones */
 #define SPREAD     1.7  /* squares: how fast the weight falls */
-#define SHORTEST   7.0  /* px, a square's shorter side: below, a window holds too little to trust */
+#define SHORTEST   7.0  /* px, least shorter side of a square: a smaller window is unreliable */
 #define FLATTEST \
-    5.0 /* px, a square's shortest extent, whatever way it lies: below, the board is on edge */
+    5.0 /* px, least extent of a square in any direction: below, the board is seen on edge */
 #define LIKENESS 0.85
-#define STRAY    0.12 /* of a square, from where its neighbours have a corner */
+#define STRAY    0.12 /* of a square: largest distance from the place that the neighbours predict */
 
 struct growth {
     const struct rec_field *f;
     const struct rec_print *p;
-    struct rec_pair *pair; /* seeds, then corners as they are found; weight: their own */
+    struct rec_pair *pair; /* seeds, then found corners; weight: before that of distance */
     size_t n;
     struct rec_pair local[2048];
 };
 
-/* The map near (x, y) by all that is known but `without`. */
+/* The map near (x, y) from all known points but `without`. */
 static bool local_map(struct growth *g, const double xy[2], const struct rec_pair *without,
                       double h[9])
 {
@@ -56,7 +56,7 @@ static double side_at(const struct rec_print *p, const double h[9], const double
     return p->board.square * fmin(hypot(d[0], d[2]), hypot(d[1], d[3]));
 }
 
-/* The corner that is nearest to what is known; -1 at the end. */
+/* The open corner nearest to a known point; -1 at the end. */
 static ptrdiff_t grow_next(const double *distance, size_t n)
 {
     ptrdiff_t best = -1;
@@ -82,7 +82,7 @@ static void grow_keep(struct growth *g, const double xy[2], const struct rec_cor
     g->pair[g->n++] = (struct rec_pair){xy[0], xy[1], c->x, c->y, 1};
 }
 
-/* From the seeds outwards. */
+/* Finds corners from the seeds outwards. */
 static void spread_out(struct growth *g, size_t n, struct rec_grown *corner)
 {
     double distance[REC_BOARD_CORNERS], blur = 0.8;
@@ -106,7 +106,7 @@ static void spread_out(struct growth *g, size_t n, struct rec_grown *corner)
     }
 }
 
-/* Each anew by the map of its neighbours; those that stray go. */
+/* Fits each corner anew with the map of its neighbours; corners that stray are dropped. */
 static size_t grow_settle(struct growth *g, size_t n, struct rec_grown *corner)
 {
     size_t at = 0, left = 0;

@@ -7,14 +7,14 @@
 
 #define REC_BOARD_CORNERS (4 * REC_BOARD_MAX * REC_BOARD_MAX) /* of the largest board */
 
-/* Where one corner was found. */
+/* The result for one corner. */
 struct rec_grown {
     bool found;
     struct rec_corner_fit fit;
 };
 
-/* seed [n_seed]: points of board and picture that are known roughly (markers' corners), weight 1 each.
- * corner [rec_board_corners]: out; pair: work area, [n_seed + corners].  Corners found. */
+/* seed [n_seed]: roughly known points of board and picture (markers' corners), weight 1 each.
+ * corner [rec_board_corners]: out; pair: work area, [n_seed + corners].  Returns the number of corners found. */
 size_t rec_grow(const struct rec_field *f, const struct rec_print *p, const struct rec_pair *seed,
                 size_t n_seed, struct rec_pair *pair, struct rec_grown *corner);
 #endif

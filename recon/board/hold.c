@@ -4,7 +4,7 @@
 
 #include "recon/geom/camera.h"
 
-/* The board's axes as those of somebody who looks at it: x right, y down, z forward. */
+/* The axes of the board are those of a viewer in front of it: x right, y down, z forward. */
 void rec_board_hold(const struct rec_board *b, const double at[3], const double face[3],
                     double roll, double R[9], double t[3])
 {

@@ -7,10 +7,10 @@
 #include "base/mem.h"
 
 #define SADDLES 4000
-#define SEEDS   80   /* strongest first, from which a lattice is begun */
-#define WEAK    0.08 /* of a full contrast's response, what is no saddle */
+#define SEEDS   80   /* saddles from which a lattice is started, strongest first */
+#define WEAK    0.08 /* share of the response of full contrast below which there is no saddle */
 #define NEAREST 4.0  /* px between corners */
-#define OFF     1.2  /* px beside a line, where its sides are looked at */
+#define OFF     1.2  /* px from a line at which its two sides are compared */
 #define CELL    16   /* px, for looking up saddles by place */
 #define SPAN    160  /* nodes along the lattice, from one end of the table to the other */
 
@@ -41,7 +41,8 @@ static double lattice_at(const struct finder *g, double x, double y)
     return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[w] + a * p[w + 1]);
 }
 
-/* 1 2 1 both ways: a Gaussian of 0.7 px.  More would close the white between a corner and the markers beside. */
+/* 1 2 1 along both axes: a Gaussian of 0.7 px.  More would fill the white between a corner and the markers beside
+ * it. */
 static void lattice_smooth(struct finder *g, const float *level)
 {
     ptrdiff_t w = g->w, n = w * g->h;
@@ -68,7 +69,7 @@ static void directions(const double h[3], double dir[2][2])
     double s = sqrt(fmax(0, h[1] * h[1] - h[0] * h[2]));
     for (int k = 0; k < 2; k++) {
         double r = h[1] + (k ? -s : s);
-        /* h0 x^2 + 2 h1 x y + h2 y^2 = 0, from the larger of the two ends */
+        /* h0 x^2 + 2 h1 x y + h2 y^2 = 0, from the larger of h0 and h2 */
         double x = fabs(h[0]) > fabs(h[2]) ? -r : h[2], y = fabs(h[0]) > fabs(h[2]) ? h[0] : -r;
         double l = fmax(hypot(x, y), 1e-12);
         dir[k][0] = x / l;
@@ -76,10 +77,10 @@ static void directions(const double h[3], double dir[2][2])
     }
 }
 
-/* Where the picture falls fastest to both sides: the eigenvector of the lesser eigenvalue. */
+/* The axis along which the picture falls fastest to both sides: eigenvector of the smaller eigenvalue. */
 static void dark_axis(const double h[3], double out[2])
 {
-    double turn = 0.5 * atan2(2 * h[1], h[0] - h[2]); /* of the greater */
+    double turn = 0.5 * atan2(2 * h[1], h[0] - h[2]); /* of the larger one */
     out[0] = -sin(turn);
     out[1] = cos(turn);
 }
@@ -137,7 +138,7 @@ static void find_saddles(struct finder *g)
     }
 }
 
-/* The line from a to b is an edge between, and one of swapped sides beyond both ends. */
+/* The line from a to b is an edge between them, and an edge with swapped sides beyond both ends. */
 static bool joined(const struct finder *g, const struct saddle *a, const struct saddle *b)
 {
     double dx = b->x - a->x, dy = b->y - a->y, l = hypot(dx, dy), most = 0, least = INFINITY;
@@ -229,7 +230,7 @@ struct open {
     double step[2][2]; /* px along i and j */
 };
 
-/* From one saddle; nodes found. */
+/* Grows a lattice from one saddle; returns its nodes. */
 static size_t lattice_grow(struct finder *g, int seed, struct rec_node *node)
 {
     static const int way[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
@@ -293,7 +294,8 @@ out:
     return n;
 }
 
-/* Nodes of a lattice of opposite corners as those of the squares', those between in the middle of theirs. */
+/* Renumbers the nodes of a lattice of opposite corners as nodes of the squares' lattice.  Adds the nodes between,
+ * each midway between two opposite neighbours. */
 static void lattice_fill(struct rec_node *node, size_t *n)
 {
     static const int way[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
@@ -347,7 +349,7 @@ pvx_err rec_lattice_find(const struct rec_field *f, double contrast, bool diagon
     find_saddles(g);
     for (int s = 0; s < g->n && s < SEEDS && *n < 24; s++) {
         size_t k = lattice_grow(g, s, now);
-        /* bits of markers make diagonal lattices too, of weaker saddles: those come later */
+        /* bits of markers also form diagonal lattices, of weaker saddles; those come later */
         if (k > *n + (diagonal ? *n / 2 : 0) && k >= 6) {
             *n = k;
             memcpy(node, now, k * sizeof *node);

@@ -1,4 +1,4 @@
-/* lattice_read.c - which corners of a board a lattice's nodes are. */
+/* lattice_read.c - finds which corners of a board the nodes of a lattice are. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,9 +7,9 @@
 #include "recon/board/homography.h"
 #include "recon/board/lattice.h"
 
-#define BITS 8 /* at most, across a marker */
+#define BITS 8 /* across a marker, at most */
 
-/* A square of the lattice, by its four nodes: what lies where a marker's bits would. */
+/* A square of the lattice between four nodes: the levels at the places of a marker's bits. */
 struct inside {
     int i, j;                /* of its first node */
     double bit[BITS * BITS]; /* mean 0, sum of squares 1 where there is contrast */
@@ -25,7 +25,7 @@ static double lattice_read_at(const struct rec_field *f, double x, double y)
     return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[w] + a * p[w + 1]);
 }
 
-/* What lies where the bits of a marker would: in the middle of the unit square that h maps. */
+/* Levels at the places of a marker's bits, in the middle of the unit square that h maps. */
 static void look_inside(const struct rec_field *f, const struct rec_print *p, const double h[9],
                         double contrast, double bit[BITS * BITS])
 {
@@ -41,7 +41,7 @@ static void look_inside(const struct rec_field *f, const struct rec_print *p, co
         bit[k] -= sum / (n * n);
         sq += bit[k] * bit[k];
     }
-    /* a square of one colour is no marker, however its noise looks */
+    /* a square of one colour is not a marker, whatever its noise looks like */
     double scale = 1 / fmax(sqrt(sq), 0.05 * contrast * n);
     for (int k = 0; k < n * n; k++)
         bit[k] *= scale;
@@ -63,7 +63,7 @@ static void board_turned(int k, int i, int j, int out[2])
     out[1] = y[k];
 }
 
-/* Correlation of a square's inside with marker `id`, the lattice lying turned by k quarters on the board. */
+/* Correlation of a square's inside with marker `id`, with the lattice turned by k quarters on the board. */
 static double alike(const struct rec_print *p, const double *seen, int32_t id, int k)
 {
     int n = p->bits, white = 0;
@@ -76,7 +76,7 @@ static double alike(const struct rec_print *p, const double *seen, int32_t id, i
             y[4] = {j, i, n - 1 - j, n - 1 - i};
         sum += seen[q] * bit[y[k] * n + x[k]];
     }
-    /* the bits' own mean 0 and sum of squares 1 */
+    /* normalises the printed bits to mean 0 and sum of squares 1 */
     return sum / sqrt(fmax(1e-9, white - (double)white * white / (n * n)));
 }
 
@@ -85,7 +85,7 @@ struct place {
     double score;
 };
 
-/* All squares of the lattice with the lattice at one place. */
+/* Sum of the correlations of all squares, with the lattice at one place. */
 static double lattice_read_judge(const struct rec_print *p, const struct inside *s, size_t n,
                                  struct place at)
 {

@@ -9,9 +9,9 @@
 #include "recon/board/homography.h"
 #include "recon/board/spec.h"
 
-#define MARKERS 1024 /* that are looked at */
+#define MARKERS 1024 /* markers that are used, at most */
 #define PAIRS   400
-#define NEAR    0.7 /* of a marker's side, how far a corner may lie from where the map has it */
+#define NEAR    0.7 /* of a marker's side: largest distance of a corner from its place by the map */
 
 double rec_marker_side(const struct rec_cv_marker *m)
 {
@@ -35,7 +35,7 @@ static size_t match_add(const struct rec_print *p, const struct rec_cv_marker *m
     return 4;
 }
 
-/* Mean square distance of its corners from where h has them; INFINITY beyond reach. */
+/* Mean square distance of the marker's corners from their places by h; INFINITY beyond reach. */
 static double match_distance(const struct rec_print *p, const struct rec_cv_marker *m,
                              const double h[9])
 {
@@ -70,7 +70,7 @@ static size_t match_count(const struct rec_print *p, const struct rec_cv_marker 
     return k;
 }
 
-/* The map of some markers; false where they do not give one. */
+/* The map from the markers in `in`; false: they do not give one. */
 static bool match_fit(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                       const bool *which, double h[9])
 {
@@ -112,7 +112,7 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
                 memcpy(in, now, n * sizeof *in);
             }
         }
-    /* all that agree fit better than two do, and then more may agree */
+    /* a map from all that agree is better than one from two, and then more may agree */
     for (int turn = 0; turn < 4 && out->agreeing > 1; turn++) {
         if (!match_fit(p, m, n, in, h))
             break;
@@ -129,7 +129,7 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
         memcpy(agrees, in, n * sizeof *in);
 }
 
-/* Sizes are compared where the map was made of the markers' middles alone. */
+/* Sizes are compared with a map that was made from the markers' middles alone. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                        const bool *agrees)
 {

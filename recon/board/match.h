@@ -1,8 +1,8 @@
-/* match.h - which of the markers that were found lie as on a board.
+/* match.h - finds which of the detected markers lie as on a board.
  *
- * A map board -> picture from every pair of markers (their eight corners), the one that most others
- * agree with, then the best fit to those.  The order of the markers decides, no random numbers: the same
- * markers give the same bits.  A false or a moved marker is left out. */
+ * Every pair of markers (their eight corners) gives a map board -> picture.  The map that most other markers agree
+ * with is fitted anew to all those.  The order of the markers decides, without random numbers: the same markers
+ * give the same bits.  A false or a moved marker is left out. */
 #ifndef REC_BOARD_MATCH_H
 #define REC_BOARD_MATCH_H
 #include "recon/board/print.h"
@@ -13,19 +13,19 @@ struct rec_match {
     double error;    /* px rms of their corners */
 };
 
-/* px: the side of a square of its area. */
+/* px: side of a square of the same area. */
 double rec_marker_side(const struct rec_cv_marker *m);
 
-/* agrees [n]: which ones; may be NULL.  agreeing is 0 where there is no map. */
+/* agrees [n]: which markers agree; may be NULL.  agreeing is 0 if there is no map. */
 void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                struct rec_match *out, bool *agrees);
 
-/* Markers' side over what the print says, the median of those that agree; NAN of fewer than 4. */
+/* Markers' side / side in the print, median of the markers that agree; NAN for fewer than 6. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                        const bool *agrees);
 
-/* A board of the same kind, of other columns, with which clearly more markers agree; rows: those it has
- * at least.  False: there is none. */
+/* Finds a board of the same kind with another number of columns, with which clearly more markers agree; rows: the
+ * least number it has.  False: there is none. */
 bool rec_match_other(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                      size_t agreeing, int32_t *cols, int32_t *rows);
 #endif

@@ -1,4 +1,4 @@
-/* The picture at hand: its levels, what they span and their noise, and 8 bits of it for OpenCV. */
+/* The present picture: its levels, their range and their noise, and its 8-bit form for OpenCV. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -36,8 +36,8 @@ static void picture_read_levels(rec_board_detector *det, const struct rec_board_
     det->field = (struct rec_field){det->level, p->width, p->height};
 }
 
-/* Standard deviation of the noise, of a part of the pixels: what is left of the second difference both ways, of
- * which edges and slopes have little (Immerkaer, CVIU 64:300, 1996), by its median. */
+/* Standard deviation of the noise, from a part of the pixels: the median of the second difference along both axes,
+ * to which edges and slopes add little (Immerkaer, CVIU 64:300, 1996). */
 static double picture_noise(rec_board_detector *det)
 {
     enum { BINS = 4096 };
@@ -56,8 +56,8 @@ static double picture_noise(rec_board_detector *det)
     return ((double)at + 0.5) / BINS / (6 * 0.6745);
 }
 
-/* The levels that leave 0.5 % of the pixels below and above, by a histogram of the square root: dim pictures
- * have fine bins. */
+/* The levels with 0.5 % of the pixels below and above, from a histogram of the square root, which has fine bins
+ * for dim pictures. */
 static void find_range(rec_board_detector *det)
 {
     enum { BINS = 4096 };
@@ -73,10 +73,10 @@ static void find_range(rec_board_detector *det)
     det->high = 16.0 * (double)((at + 1) * (at + 1)) / ((BINS - 1.0) * (BINS - 1.0));
     det->range = det->high - det->low;
     det->noise = picture_noise(det);
-    det->high = fmax(det->high, det->low + 30 * det->noise); /* or noise alone would be edges */
+    det->high = fmax(det->high, det->low + 30 * det->noise); /* else noise alone would make edges */
 }
 
-/* 8 bits for OpenCV: full range, white on black turned round. */
+/* 8 bits for OpenCV: full range; inverted boards are inverted back. */
 static void make_grey(rec_board_detector *det)
 {
     size_t n = (size_t)det->field.width * (size_t)det->field.height;

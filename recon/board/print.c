@@ -28,7 +28,7 @@ pvx_err rec_cv_load(const struct rec_cv **out, struct pvx_diag *d)
                              : pvx_fail(d, PVX_EUNSUP, "markers need OpenCV: %.500s", module.why);
 }
 
-/* Which squares have markers, and which one. */
+/* Sets which squares have markers, and which marker each has. */
 static void number_cells(struct rec_print *p)
 {
     const struct rec_board *b = &p->board;
@@ -112,16 +112,16 @@ void rec_print_marker(const struct rec_print *p, int32_t id, double xy[4][2])
     }
 }
 
-/* Where a coordinate falls along an axis: the square (or marker and the gap behind it) and the bit in it;
- * bit -1: before the marker, bits + 2: behind. */
+/* The place of a coordinate along an axis: the square (or the marker and the gap behind it) and the bit in it; bit
+ * -1: before the marker; bits + 2: behind it. */
 struct slot {
     int32_t cell, bit;
-    double end; /* where the next one begins */
+    double end; /* begin of the next slot */
 };
 
 static struct slot print_slot_of(const struct rec_print *p, double v, double v0)
 {
-    enum { BELOW = 1024 }; /* squares before the first: a cast rounds like floor from there */
+    enum { BELOW = 1024 }; /* squares before the first; from there a cast rounds like floor */
     double from = v - v0;
     struct slot s = {.cell = (int32_t)(fmin(fmax(from * p->per_pitch + BELOW, 0), 1e6)) - BELOW};
     double begin = v0 + s.cell * p->pitch, f = v - begin - p->in;

@@ -1,9 +1,9 @@
-/* print.h - what is printed on a board: its markers and where there is ink.
+/* print.h - the print of a board: its markers, and where there is ink.
  *
- * Coordinates are those of board.h [m], on the front, as if the board were not inverted.  Square (0,0) of
- * charuco and chessboard is the black one at the top left (legacy: white, with marker 0); marker ids count
- * along rows.  An aprilgrid has a black square of the gap's size at every crossing of gaps, the outer ones
- * too, so that every corner of a marker is a crossing of two edges.
+ * Coordinates are those of board.h [m], on the front, as if the board were not inverted.  Square (0,0) of charuco and
+ * chessboard is the black one at the top left (legacy: white, with marker 0); marker ids count along rows.  An
+ * aprilgrid has a black square of the gap's size at every crossing of gaps, the outer ones too, so that every corner
+ * of a marker is a crossing of two edges.
  * Threads: a print is constant once made. */
 #ifndef REC_BOARD_PRINT_H
 #define REC_BOARD_PRINT_H
@@ -24,7 +24,7 @@ struct rec_print {
     int32_t *id_at; /* [cols * rows] its marker, -1 = none */
 };
 
-/* The module, loaded on first use.  PVX_EUNSUP: cannot be loaded; d says what is missing. */
+/* The module, loaded on first use.  PVX_EUNSUP: it cannot be loaded; d says what is missing. */
 PVX_MUST_CHECK pvx_err rec_cv_load(const struct rec_cv **out, struct pvx_diag *d);
 
 /* Owner: caller, rec_print_fini.  The module is needed where the board has markers. */

@@ -1,4 +1,4 @@
-/* seeds.c - where to begin on a board: a few of its points, roughly. */
+/* seeds.c - the start on a board: a few roughly known points. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -10,7 +10,7 @@
 
 enum { SMALLER, AS_IT_IS, LARGER };
 
-/* 1, or what makes a large picture one of half a million pixels or so: four times fewer at a time. */
+/* Scale that reduces a large picture to about half a million pixels, in steps of four times fewer; else 1. */
 static double smaller(const rec_board_detector *det)
 {
     double scale = 1, n = (double)det->field.width * det->field.height;
@@ -19,7 +19,7 @@ static double smaller(const rec_board_detector *det)
     return scale;
 }
 
-/* A rectangle that grows by what is put into it. */
+/* A rectangle that grows to contain each point put into it. */
 struct box {
     double x0, y0, x1, y1;
 };
@@ -54,7 +54,7 @@ static void window(const rec_board_detector *det, int32_t x[2], int32_t y[2])
     y[1] = (int32_t)fmax(fmin(h, b.y1 + more), y[0]);
 }
 
-/* The marker m, the last so far, is one that is there already: a blurred border has two rims. */
+/* Whether the marker m, the last so far, was read before: a blurred border has two outlines. */
 static bool read_twice(const rec_board_detector *det, const struct rec_cv_marker *m)
 {
     for (const struct rec_cv_marker *o = det->marker; o < m && m->id >= 0; o++) {
@@ -69,7 +69,7 @@ static bool read_twice(const rec_board_detector *det, const struct rec_cv_marker
     return false;
 }
 
-/* The markers of one face, as they lie in the picture that way round. */
+/* Finds the markers of one face, in the coordinates of the picture flipped or not. */
 static void seeds_look(rec_board_detector *det, int how, bool flipped)
 {
     struct rec_looked *l = &det->looked[how];
@@ -114,7 +114,7 @@ static void seeds_look(rec_board_detector *det, int how, bool flipped)
     }
 }
 
-/* Quadrangles whose markers may be too small to read as they are. */
+/* Whether there are quadrangles that may be markers too small to read at this scale. */
 static bool small_ones(const rec_board_detector *det)
 {
     size_t small = 0;
@@ -123,7 +123,7 @@ static bool small_ones(const rec_board_detector *det)
     return small >= 3 && (int64_t)det->field.width * det->field.height <= 4000000;
 }
 
-/* Seeds from the lattice as one of the layouts, the likelier. */
+/* Seeds from the lattice, read as the likelier of the layouts. */
 static size_t read_lattice(rec_board_detector *det, size_t n, const struct rec_print **print)
 {
     size_t seeds = 0;
@@ -167,7 +167,7 @@ static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
     return seeds;
 }
 
-/* Of an id that was read in two places one counts at most; how many do. */
+/* Lets at most one marker of each id count, if it was read in several places; returns how many count. */
 static size_t each_once(rec_board_detector *det)
 {
     size_t n = 0;
@@ -211,7 +211,7 @@ static size_t from_markers(rec_board_detector *det, int how, bool flipped,
     return n;
 }
 
-/* Level of the paper minus that of the ink around the middle of the square (0,0), by two squares there. */
+/* Level of the paper minus that of the ink around the first inner corner, from the four squares that meet there. */
 static double first_is_dark(const rec_board_detector *det, const double h[9], double s)
 {
     double sum = 0;
@@ -226,7 +226,7 @@ static double first_is_dark(const rec_board_detector *det, const double h[9], do
     return sum;
 }
 
-/* All corners of a chessboard, from its dark corner square on, counted so that the board is not mirrored. */
+/* All corners of a chessboard, counted from its dark corner square and so that the board is not mirrored. */
 static size_t from_chessboard(rec_board_detector *det)
 {
     const struct rec_board *b = &det->print[0].board;
@@ -245,7 +245,7 @@ static size_t from_chessboard(rec_board_detector *det)
         det->seed[i] = (struct rec_pair){q[0], q[1], xy[2 * i], xy[2 * i + 1], 1};
     }
     free(xy);
-    /* rows the other way round, then the whole by half a turn */
+    /* reverses the rows if mirrored, then turns the whole by half a turn if needed */
     for (int turn = 0; turn < 2; turn++) {
         if (!rec_homography_fit(det->seed, n, h))
             return 0;
@@ -262,7 +262,7 @@ static size_t from_chessboard(rec_board_detector *det)
     return n;
 }
 
-/* From the picture made smaller: nothing where there is any doubt, as if it had not been looked at. */
+/* Seeds from the picture made smaller.  If there is any doubt: none, and no trace of the attempt. */
 static size_t from_smaller(rec_board_detector *det, bool flipped, struct rec_board_sight *out,
                            const struct rec_print **print)
 {

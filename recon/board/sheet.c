@@ -12,7 +12,7 @@
 #define POINTS (72 / 0.0254) /* 1/72 inch in a metre */
 #define RIM    0.007         /* m around the board: printers leave 4 to 6 mm empty */
 #define FOOT   0.020         /* m below it, for ruler and text */
-#define QUIET  0.25          /* of a square: dark rim of an inverted board */
+#define QUIET  0.25          /* of a square: width of the dark rim of an inverted board */
 
 /* The board with its rim, and the foot. */
 static void needed(const struct rec_print *p, double *w, double *h)
@@ -84,7 +84,7 @@ static void draw_marker(cairo_t *cr, const struct rec_print *p, int32_t id)
     double c[4][2], m = p->module;
     int32_t n = p->bits + 2;
     rec_print_marker(p, id, c);
-    /* the border as one frame, dark bits in runs: no hairlines between what belongs together */
+    /* the border as one frame and dark bits in runs, so that no hairlines divide them */
     rect(cr, c[0][0], c[0][1], n * m, m);
     rect(cr, c[0][0], c[0][1] + (n - 1) * m, n * m, m);
     for (int32_t r = 1; r < n - 1; r++)
@@ -157,7 +157,7 @@ static void draw_ruler(cairo_t *cr, double x, double y)
     cairo_stroke(cr);
 }
 
-/* A line of text that ends before `width`, made smaller where it would not. */
+/* A line of text that ends before `width`, made smaller if it is too long. */
 static void sheet_text(cairo_t *cr, double x, double y, double width, const char *s)
 {
     cairo_text_extents_t e;

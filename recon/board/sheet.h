@@ -1,9 +1,9 @@
 /* sheet.h - a board as a sheet to print, in true size, as vectors.
  *
- * cairo draws it: one code gives PDF and SVG.  The board lies in the middle of the page; around it a ruler
- * of 100 mm (a print that was scaled is noticed), the spec, what to measure, and on a two-sided board
- * marks in the margin.  The back is the front's mirror image, as if the ink went through: laid back to
- * back, or printed duplex along the long edge, equal marks lie on each other.
+ * cairo draws it, so that one code gives PDF and SVG.  The board lies in the middle of the page.  Around it are a
+ * ruler of 100 mm (to notice a print that was scaled), the spec, what to measure, and for a two-sided board marks in
+ * the margin.  The back is the front's mirror image, as if the ink went through: laid back to back, or printed duplex
+ * along the long edge, equal marks lie on each other.
  * Threads: any, one page a call. */
 #ifndef REC_BOARD_SHEET_H
 #define REC_BOARD_SHEET_H
@@ -17,8 +17,8 @@ struct rec_page {
     char name[40];
 };
 
-/* name: "A0" to "A4", "letter", "custom" (as large as the board asks for), "420x297" (mm), or "auto": the
- * smallest of A4 to A0 that holds the board, else custom.  Turned where that fits better.
+/* name: "A0" to "A4", "letter", "custom" (as large as the board needs), "420x297" (mm), or "auto": the smallest of A4
+ * to A0 that holds the board, else custom.  Turned where that fits better.
  * PVX_ERANGE: the board is too large for it; d says how large a board may be. */
 PVX_MUST_CHECK pvx_err rec_page_find(const struct rec_print *p, const char *name,
                                      struct rec_page *page, struct pvx_diag *d);

@@ -8,7 +8,7 @@
 
 struct shot {
     const struct rec_board_shot *s;
-    double margin, plane; /* m: of paper around the print; z of the face that is seen */
+    double margin, plane; /* m: paper around the print; z of the visible face */
     bool bare;
     double origin[3]; /* the camera's centre in board axes */
 };
@@ -34,7 +34,7 @@ static void shot_set_up(const struct rec_board_shot *s, struct shot *w)
     w->bare = back && !b->two_sided;
 }
 
-/* Where the ray of pixel (u, v) meets the face; NAN: nowhere. */
+/* Point where the ray of pixel (u, v) meets the face; NAN: none. */
 static void shot_meet(const struct shot *w, double u, double v, double xy[2])
 {
     double o[3], dir[3], d[3];
@@ -62,8 +62,8 @@ static double level_at(const struct shot *w, double x, double y, double hx, doub
     return s->paper + ink * (s->ink - s->paper);
 }
 
-/* Mean over a pixel whose corners meet the face at a, b (above, left to right), c, d (below).  Within a pixel
- * the face is met bilinearly, to better than 1e-4 of its side. */
+/* Mean over a pixel whose corners meet the face at a, b (above, left to right), c, d (below).  Within a pixel the
+ * points are interpolated bilinearly, to better than 1e-4 of its side. */
 static double pixel(const struct shot *w, const double a[2], const double b[2], const double c[2],
                     const double d[2])
 {
@@ -117,7 +117,7 @@ static struct part shot_find(const struct shot *w)
                          (int32_t)fmin(fmax(ceil(hi[1]) + 3, 0), k->height)};
 }
 
-/* Rows of corners are met once, for the pixels above and below. */
+/* Each row of pixel corners is computed once, for the pixels above and below. */
 static pvx_err shot_draw(const struct shot *w, const struct part *a, float *level)
 {
     int32_t n = a->x1 - a->x0;
@@ -143,7 +143,7 @@ static pvx_err shot_draw(const struct shot *w, const struct part *a, float *leve
     return PVX_OK;
 }
 
-/* Separable; the picture goes on beyond its border as it is there. */
+/* Separable; beyond the border the picture continues with the value at the border. */
 static pvx_err shot_blur(double sigma, int32_t w, int32_t h, float *level)
 {
     int32_t m = (int32_t)ceil(4 * sigma), longest = w > h ? w : h;

@@ -1,10 +1,10 @@
 /* shot.h - a board as a camera of a rig sees it: pictures for simulations.
  *
- * Every pixel is the mean over its area: across x across rays by rec_camera_ray meet the plane of the face
- * that is seen, each takes the ink of the rectangle that it stands for (rec_print_ink), then a Gaussian blur.
- * The plate is flat and reaches half a square (a gap) beyond the print; the bare back of a board that is not
- * two-sided is paper; behind it all is the ground.
- * Tests that judge the detector have a renderer of their own, which shares nothing with this one. */
+ * Every pixel is the mean over its area.  `across` x `across` rays by rec_camera_ray meet the plane of the visible
+ * face, and each takes the ink of the rectangle that it stands for (rec_print_ink).  Then follows a Gaussian blur.
+ * The plate is flat and reaches half a square (a gap) beyond the print.  The bare back of a board that is not
+ * two-sided is paper; the background is `ground`.
+ * Tests of the detector have a renderer of their own, which shares nothing with this one. */
 #ifndef REC_BOARD_SHOT_H
 #define REC_BOARD_SHOT_H
 #include "base/err.h"

@@ -179,7 +179,7 @@ static pvx_err spec_option(const char *f, const char *whole, struct rec_board *b
     return PVX_OK;
 }
 
-/* What is left out has a default; what does not go together is said. */
+/* Gives defaults to what is left out, and refuses what does not go together. */
 static pvx_err spec_complete(const char *whole, struct rec_board *b, struct pvx_diag *d)
 {
     if (b->legacy && (b->kind != REC_CHARUCO || b->rows % 2 != 0))

@@ -5,7 +5,7 @@
 
 #include "recon/board/detect_int.h"
 
-#define DIM      0.03 /* of full scale, a contrast in which nothing is read */
+#define DIM      0.03 /* of full scale: contrast too low to read anything */
 #define SOFT     3.0  /* px, Gaussian blur of the sharpest edges */
 #define READABLE 14.0 /* px, the side of a square */
 
@@ -18,8 +18,8 @@ const char *rec_sight_name(enum rec_sight s)
     return s < REC_N_SIGHTS ? names[s] : "?";
 }
 
-/* Gaussian blur of the sharpest edges [px]: the slope of a blurred step of height c is c / (blur sqrt(2 pi)).
- * The slope that 0.2 % of the pixels exceed. */
+/* Gaussian blur of the sharpest edges [px].  The slope of a blurred step of height c is c / (blur sqrt(2 pi)); it
+ * is taken as the slope that 0.2 % of the pixels exceed. */
 static double edge_blur(const rec_board_detector *det)
 {
     enum { BINS = 512 };
@@ -44,7 +44,7 @@ static double small_side(const rec_board_detector *det)
 {
     double sum = 0;
     size_t pairs = 0;
-    if (det->print[0].board.kind == REC_APRILGRID) { /* no lattice: as many small quadrangles */
+    if (det->print[0].board.kind == REC_APRILGRID) { /* no lattice: small quadrangles */
         for (size_t i = det->n_markers; i < det->n_quads; i++)
             if (rec_marker_side(&det->marker[i]) < READABLE) {
                 sum += rec_marker_side(&det->marker[i]);
