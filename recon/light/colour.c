@@ -1,11 +1,11 @@
-/* colour.c - colours of one camera to those of another. */
+/* colour.c - converts colours of one camera to those of another. */
 #include <string.h>
 
 #include "recon/light/parts.h"
 
 #define WELL 1e-3 /* least eigenvalue of the colours' A'A over its trace */
 
-/* Least eigenvalue of A over its trace is at least this: the other two have most product when equal. */
+/* A lower bound of A's least eigenvalue / trace: the product of the other two is largest when they are equal. */
 static double colour_condition(const double A[9])
 {
     double trace = A[0] + A[4] + A[8];

@@ -1,10 +1,10 @@
-/* dark.c - light of pixels that are not lit, and those that say nothing. */
+/* dark.c - levels of pixels without light, and unusable pixels. */
 #include <stdlib.h>
 
 #include "base/mem.h"
 #include "recon/light/parts.h"
 
-#define FAR   8     /* scaled MADs: 6e-16 of normal deviates, and few of a sensor's tail */
+#define FAR   8 /* scaled MADs: beyond are 6e-16 of normal deviates, and few of a sensor's tail */
 #define FLOOR 0.004 /* of full scale; a step of 8 bits */
 
 /* Scaled median of |v - middle|. */

@@ -61,14 +61,14 @@ struct fit {
     float *log_f;
 };
 
-/* log p_k - q_k at a sample; NAN where it says nothing. */
+/* log p_k - q_k at a sample; NAN where it is not usable. */
 static double bare(const struct fit *f, size_t k, size_t i, const double t[TERMS], int c)
 {
     double v = (double)f->p[k].mean[i];
     return v > 0 ? log(v) - shading(f->q[k][c], t) : NAN;
 }
 
-/* The mean over the pictures, without those beyond. */
+/* Sets log F to the mean over the pictures, without outliers if `robust`, and sigma. */
 static void update(struct fit *f, bool robust)
 {
     double sum2 = 0, count2 = 0;
@@ -102,7 +102,7 @@ static void update(struct fit *f, bool robust)
     f->sigma = count2 > 0 ? sqrt(sum2 / count2) : 0;
 }
 
-/* q of picture k and colour c anew, by least squares. */
+/* Fits q of picture k and colour c, by least squares. */
 static bool refit(struct fit *f, size_t k, int c)
 {
     double A[TERMS * TERMS] = {0}, b[TERMS] = {0};
@@ -129,7 +129,7 @@ static bool refit(struct fit *f, size_t k, int c)
     return true;
 }
 
-/* The sum over the pictures becomes 0. */
+/* Makes the sum of q over the pictures 0. */
 static void flat_centre(struct fit *f)
 {
     for (int c = 0; c < 3; c++)
@@ -142,7 +142,7 @@ static void flat_centre(struct fit *f)
         }
 }
 
-/* exp, of mean 1 over the middle quarter per colour. */
+/* F = exp(log F), scaled to mean 1 over the middle quarter per colour. */
 static void flat_normalise(const struct fit *f, float *out)
 {
     const struct rec_light_picture *p = f->p;
@@ -163,7 +163,7 @@ static void flat_normalise(const struct fit *f, float *out)
     }
 }
 
-/* Pixels unlike their neighbours of the same colour: NaN. */
+/* Sets pixels unlike their neighbours of the same colour to NaN; returns their number. */
 static size_t find_bad(const struct rec_light_picture *p, const float *in, float *out)
 {
     int step = p->cell != NULL ? 2 : 1;

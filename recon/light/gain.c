@@ -1,4 +1,4 @@
-/* gain.c - cameras beside each other: light of an even source or of a flame, gains. */
+/* gain.c - compares cameras: light of an even source or of a flame, gains. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -34,7 +34,7 @@ static double gain_det3(const double A[9])
 
 /* ---- a flame ---- */
 
-/* Brightness of a pixel: all of its channels. */
+/* Brightness of a pixel: sum of its channels. */
 static double gain_light_at(const struct rec_light_picture *p, size_t pixel)
 {
     double s = 0;
@@ -80,7 +80,7 @@ pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camer
             "pedestal (pyrovox calibrate dark)",
             100 * edge / all);
     bool grey = p->channels == 1 && p->cell == NULL;
-    for (int k = 0; k < 3; k++) { /* of a filter's pixels each stands for several */
+    for (int k = 0; k < 3; k++) { /* each pixel of a Bayer filter's colour stands for several */
         int of = grey ? 0 : k;
         out[k] = sum[of] / fmax(count[of], 1) * (double)(w * h) * D2 / (c->fx * c->fy);
     }

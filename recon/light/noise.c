@@ -7,18 +7,18 @@
 
 enum { PER = REC_REGIONS * REC_REGIONS, ROUNDS = 30 };
 
-#define TUKEY 4.685 /* 95 % efficient where there are no outliers */
+#define TUKEY 4.685 /* 95 % efficient without outliers */
 #define WRONG \
-    0.15 /* of the line: more scatter than this, and 4 times what is to be expected, is no line */
+    0.15 /* of the line: more scatter than this, and than 4 times the expected one, is not a line */
 
-/* Mean and variance of a region at a level. */
+/* Mean and variance of each region at each level. */
 struct points {
     size_t n;
-    double *mean, *var, *expected; /* scatter of var over var, by how many samples there are */
+    double *mean, *var, *expected; /* expected: scatter of var / var, from the number of samples */
     double *scratch;
 };
 
-/* Regions of a picture; how many of its samples did not vary at all. */
+/* Adds the regions of a picture; returns the share of its samples that did not vary at all. */
 static double noise_add(struct points *t, const struct rec_light_picture *p)
 {
     double mean[PER] = {0}, var[PER] = {0}, count[PER] = {0}, still = 0, all = 0;
@@ -49,7 +49,7 @@ static double line_at(const struct rec_noise *l, double mean)
     return l->read * l->read + l->gain * mean;
 }
 
-/* Median of |misfit| over the line, or over what is to be expected of it too. */
+/* Median of |misfit| / line; if `expected`, also divided by its expected size. */
 static double noise_scatter(const struct points *t, const struct rec_noise *l, bool expected)
 {
     for (size_t i = 0; i < t->n; i++)
@@ -58,7 +58,7 @@ static double noise_scatter(const struct points *t, const struct rec_noise *l, b
     return pvx_median(t->scratch, t->n);
 }
 
-/* One round: weights by the line of the last one.  At first all alike, in units of the middle variance. */
+/* One round: fits the line with weights from the line of the last round; in the first round all weights are equal. */
 static bool round_of(const struct points *t, bool first, struct rec_noise *l, double least)
 {
     double s[5] = {0}, scale = first ? 1 : fmax(1.4826 * noise_scatter(t, l, false), 1e-9);

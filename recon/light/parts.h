@@ -1,4 +1,4 @@
-/* parts.h - what the files of this room share: regions of pictures. */
+/* parts.h - shared by the files of this room: regions of pictures. */
 #ifndef REC_LIGHT_PARTS_H
 #define REC_LIGHT_PARTS_H
 #include <math.h>

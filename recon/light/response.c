@@ -1,4 +1,4 @@
-/* response.c - light of a sample from a ladder of exposures. */
+/* response.c - light of a sample from a series of exposures. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -7,18 +7,18 @@
 
 enum { N = REC_RESPONSE_KNOTS, FREE = N - 1, MOST = 64, PIXELS = 4000, ROUNDS = 20 };
 
-#define SMOOTH 1e-5  /* weight of r'' beside that of all samples */
-#define FULL   0.985 /* noise above it is cut off */
+#define SMOOTH 1e-5  /* weight of r'' relative to that of all samples */
+#define FULL   0.985 /* above it saturation cuts off noise */
 
 struct ladder {
     const struct rec_light_picture *p;
     size_t m;
     double A[FREE * FREE],
-        B[FREE * FREE]; /* (2): what a line leaves of r, and what a constant does */
-    double all;         /* weight in them */
+        B[FREE * FREE]; /* of (2): rest of r after a line, rest after a constant */
+    double all;         /* sum of the weights */
 };
 
-/* One pixel's samples that say something. */
+/* The usable samples of one pixel. */
 struct samples {
     int n;
     double s[MOST], t[MOST], w[MOST];
@@ -41,8 +41,8 @@ static struct samples response_take(const struct ladder *l, size_t i)
     return a;
 }
 
-/* What is left of v [n] when a + b t is fitted to it, or (constant) a; values and the knots' coefficients
- * alike. */
+/* The rest of v [n] after a fit of a + b t, or of a alone (`constant`).  v may be values or the knots'
+ * coefficients. */
 static void response_project(const struct samples *a, const double *v, size_t stride, bool constant,
                              double *out)
 {
@@ -99,7 +99,7 @@ static void response_smooth(struct ladder *l)
             }
 }
 
-/* The r of least (2), by inverse iteration from a straight line, scaled to r(1) = 1. */
+/* The r with the least (2), by inverse iteration from a straight line, scaled to r(1) = 1. */
 static bool response_least(const struct ladder *l, double v[N])
 {
     static _Thread_local double M[FREE * FREE];
@@ -205,7 +205,7 @@ pvx_err rec_light_response(const struct rec_light_picture *p, size_t m, struct r
 {
     PVX_TRY(response_possible(p, m, d));
     size_t n = rec_light_pixels(p) * (size_t)p->channels,
-           step = n / PIXELS | 1; /* both colours of a row */
+           step = n / PIXELS | 1; /* odd: both colours of a row */
     double low = 1, high = 0, sum = 0;
     struct ladder *l = pvx_calloc(1, sizeof *l);
     if (l == NULL)

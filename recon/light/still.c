@@ -1,4 +1,4 @@
-/* still.c - whether pictures taken one after the other show the same. */
+/* still.c - whether consecutive pictures show the same. */
 #include "recon/light/parts.h"
 
 void rec_light_still_add(struct rec_light_still *s, const float *v, const int32_t size[2],
