@@ -13,7 +13,8 @@
 #define PATIENCE_NS (5 * PVX_NS_PER_S)
 #define LEAST_SETS  2
 
-/* WANTED and BUSY: all but `seen` and what begin's thread keeps is the carve stage's, else begin's. */
+/* In WANTED and BUSY the carve stage owns the struct, except `seen` and the members of begin's thread; in the other
+ * states begin's thread owns it. */
 enum { IDLE, WANTED, BUSY, DONE, FAILED };
 
 struct dmn_background {
@@ -22,11 +23,11 @@ struct dmn_background {
     int nch, cs;
     atomic_int state;
     atomic_uint seen; /* sets */
-    atomic_uint have; /* of the camera that has most */
+    atomic_uint have; /* sets of the camera that has most */
     uint32_t sets;
     double *sum;                  /* [rows][cs] */
-    uint32_t *n;                  /* [rows][cs] finite ones */
-    float *mean[REC_MAX_CAMERAS]; /* [rows of it][cs]; once it is done, the one before or NULL */
+    uint32_t *n;                  /* [rows][cs] number of finite values */
+    float *mean[REC_MAX_CAMERAS]; /* [rows of it][cs]; when done: the previous one, or NULL */
     uint32_t count[REC_MAX_CAMERAS];
     struct rec_light_still still[REC_MAX_CAMERAS];
     struct pvx_diag why;
@@ -85,7 +86,7 @@ static bool background_get_room(dmn_background *b)
     return ok;
 }
 
-/* Takes it back from the carve stage, which holds it for a moment at most. */
+/* Take the request back from the carve stage, which keeps it BUSY for a moment at most. */
 static void background_give_up(dmn_background *b, const char *why)
 {
     int wanted = WANTED;

@@ -20,8 +20,8 @@
 #include "daemon/pipeline/recording.h"
 
 #define BESIDE_TRIES 5
-#define STEADY_NS    (60 * PVX_NS_PER_S) /* one that ran so long begins with all its tries */
-#define END_NS       (5 * PVX_NS_PER_S) /* these three within the service manager's TimeoutStopSec */
+#define STEADY_NS    (60 * PVX_NS_PER_S) /* a process that ran so long gets all tries again */
+#define END_NS       (5 * PVX_NS_PER_S)  /* these three fit into the service's TimeoutStopSec */
 #define TERM_NS      (4 * PVX_NS_PER_S)
 #define KILL_NS      (1 * PVX_NS_PER_S)
 
@@ -29,7 +29,7 @@ struct dmn_beside {
     char program[PATH_MAX], pattern[DMN_WORD_MAX], base[PATH_MAX];
     char endpoint[DMN_WORD_MAX], format[8], keep_free[32], roll[32];
     uint64_t session;
-    int config; /* all keys, as text: what it reads at its standard input */
+    int config; /* file with all keys as text: the process's standard input */
     pthread_mutex_t lock;
     pthread_cond_t wake;
     pthread_t thread;
@@ -42,7 +42,7 @@ struct dmn_beside {
 
 static const char *const formats[] = {"none", "npy", "hdf5", "vdb", "nvdb"};
 
-/* ---- what it says: the lines of `pyrovox record` that is no terminal's ---- */
+/* ---- the process's output: the lines that `pyrovox record` writes when it has no terminal ---- */
 
 /* Under the lock. */
 static void take_count(dmn_beside *b, unsigned long long written, unsigned long long lost)
@@ -86,7 +86,7 @@ static void listen_to(dmn_beside *b, int fd)
 
 /* ---- the process ---- */
 
-/* A new name each time; the folder is made here, so that its fault is told at once. */
+/* Make a new name for each run.  The folder is made here, so that an error is reported at once. */
 static pvx_err name_it(dmn_beside *b, char *path, size_t size, struct pvx_diag *d)
 {
     char stem[PATH_MAX], again[16] = "";
@@ -103,7 +103,7 @@ static pvx_err name_it(dmn_beside *b, char *path, size_t size, struct pvx_diag *
                          : pvx_fail(d, PVX_ERANGE, "record.volumes_path: '%s' is too long", path);
 }
 
-/* *fd: what it says. */
+/* Start the process; *fd reads its output. */
 static pvx_err beside_begin(dmn_beside *b, int *fd, struct pvx_diag *d)
 {
     char path[PATH_MAX], parent[16];
@@ -118,7 +118,7 @@ static pvx_err beside_begin(dmn_beside *b, int *fd, struct pvx_diag *d)
                                 "--roll",   b->roll,  "--daemon",   parent,        NULL};
     lseek(b->config, 0, SEEK_SET);
     int err = pvx_spawn(argv, b->config, ends[1],
-                        &pid); /* Ctrl-C ends the daemon; it takes what is published until then */
+                        &pid); /* Ctrl-C ends only the daemon; volumes until then are recorded */
     close(ends[1]);
     if (err != 0) {
         close(ends[0]);
@@ -140,14 +140,14 @@ static pvx_err beside_begin(dmn_beside *b, int *fd, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Its status, when it has ended: it has closed its output, but may live on. */
+/* Wait for the end of the process and return its status: it has closed its output, but may still live. */
 static int beside_reap(dmn_beside *b)
 {
     int status = 0;
     siginfo_t is;
     while (waitid(P_PID, (id_t)b->pid, &is, WEXITED | WNOWAIT) != 0 && errno == EINTR)
         ;
-    pthread_mutex_lock(&b->lock); /* nobody signals a number that is somebody else's by now */
+    pthread_mutex_lock(&b->lock); /* after waitpid the system may reuse the pid: do not signal it */
     while (waitpid(b->pid, &status, 0) < 0 && errno == EINTR)
         ;
     b->pid = 0;
@@ -158,7 +158,7 @@ static int beside_reap(dmn_beside *b)
     return status;
 }
 
-/* Whether it is begun again: it did not say itself why it ends. */
+/* Record how the process ended.  Returns whether to start it again: not after exit codes 1 and 2, which it explains. */
 static bool died(dmn_beside *b, int status)
 {
     pthread_mutex_lock(&b->lock);
@@ -234,7 +234,7 @@ static void *watch_over(void *arg)
 
 /* ---- from outside ---- */
 
-/* One that lets this host in without a key, whatever keys there are. */
+/* An endpoint that lets this host in without a key, even if keys are configured. */
 static const char *beside_find_endpoint(const struct dmn_config *c)
 {
     for (size_t i = 0; i < c->endpoints.n; i++)
@@ -244,7 +244,7 @@ static const char *beside_find_endpoint(const struct dmn_config *c)
     return c->endpoints.n == 0 ? dmn_default_endpoint(DMN_VOLUMES) : NULL;
 }
 
-/* A file without a name, so that nothing of it is left. */
+/* Write the configuration into a file without a name, so that no file is left behind. */
 static pvx_err beside_describe(dmn_beside *b, const struct dmn_config *c)
 {
     char *text = dmn_config_format(c);
@@ -292,7 +292,7 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
     return e;
 }
 
-/* The thread of one that has ended by itself. */
+/* Join the thread of a process that has ended. */
 static void beside_join(dmn_beside *b)
 {
     if (b->joinable)
@@ -358,7 +358,7 @@ static void tell_it(const dmn_beside *b, int sig)
         kill(b->pid, sig);
 }
 
-/* First it may end by itself, for grace_ns.  PVX_ETIMEDOUT: it had to be killed. */
+/* The process has grace_ns to end by itself, then gets SIGTERM, then SIGKILL.  PVX_ETIMEDOUT: it had to be killed. */
 static pvx_err beside_finish(dmn_beside *b, int64_t grace_ns)
 {
     pvx_err e = PVX_OK;
@@ -403,7 +403,7 @@ pvx_err dmn_beside_stop(dmn_beside *b, char *where, size_t size, struct pvx_diag
 void dmn_beside_end(dmn_beside *b)
 {
     if (b != NULL && b->joinable)
-        beside_finish(b, END_NS); /* it has been said */
+        beside_finish(b, END_NS); /* the log has the outcome */
 }
 
 void dmn_beside_state(dmn_beside *b, struct dmn_beside_state *out)
@@ -425,7 +425,7 @@ void dmn_beside_free(dmn_beside **bp)
     if (b->joinable && !b->stopping)
         beside_finish(b, 0);
     if (b->joinable)
-        return; /* a disk holds it in the kernel: the memory stays with its thread */
+        return; /* the process hangs on a disk in the kernel: its thread still uses the memory */
     pthread_mutex_destroy(&b->lock);
     pthread_cond_destroy(&b->wake);
     if (b->config >= 0)

@@ -7,7 +7,7 @@
 #include "base/log.h"
 #include "daemon/pipeline/stage.h"
 
-#define UNKNOWN_SETS       200 /* in which a camera has said its temperature, if it does */
+#define UNKNOWN_SETS       200 /* a camera that gives its temperature has done so within these */
 #define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
 
 /* How many cameras' images a set must have to be solved. */
@@ -33,8 +33,8 @@ static struct cap_set *cameras_in_newest(struct dmn_cameras_in *in, struct cap_s
     return set;
 }
 
-/* Is camera c the one that the rig's photometry was measured on, and as warm?  A darker or brighter dark is told, once
- * until it fits again; another camera's pictures are none of this rig's. */
+/* Whether camera c is the one that the rig's photometry was measured on; if not, its pictures are not used.
+ * A temperature too far from that of its dark is only logged, once until it fits again. */
 static bool cameras_in_is_ours(struct dmn_cameras_in *in, size_t c)
 {
     const struct rec_camera *k = &in->rig->cameras[c];
@@ -73,7 +73,7 @@ static bool cameras_in_is_ours(struct dmn_cameras_in *in, size_t c)
     return !other;
 }
 
-/* The set's images into the slot; at most once a second one that cannot be used is told. */
+/* Bin the set's images into the slot.  An image that cannot be used is logged, at most once a second. */
 static void cameras_in_load(struct dmn_cameras_in *in, const struct cap_set *set,
                             struct dmn_slot *s)
 {
@@ -100,7 +100,7 @@ static pvx_err cameras_in_next(void *ctx, struct dmn_slot *s)
             pvx_sleep_until_mono(pvx_now_mono() + WAIT_SUBSCRIBER_NS);
             return PVX_ETIMEDOUT;
         }
-        in->wait_for = NULL; /* from now on it is the subscribers' affair */
+        in->wait_for = NULL; /* from now on sets are taken without subscribers too */
     }
     PVX_TRY(cap_capture_next(in->capture, DMN_STAGE_WAIT_NS, &set));
     set = cameras_in_newest(in, set, &s->passed_over);

@@ -35,7 +35,7 @@ static void events_look_at_camera(struct dmn_events *e, const struct dmn_state *
     const struct cap_camera_stats *k = &now->capture.camera[c];
     bool was = e->camera[c] == CAP_LOST, lost = k->state == CAP_LOST;
     bool was_out = (e->out >> c & 1) != 0, out = (now->votes.out >> c & 1) != 0;
-    /* One that is opened again is not back before it runs. */
+    /* A lost camera that is opened again is not back before it runs. */
     if (lost != was && (lost || k->state == CAP_RUNNING)) {
         open_event(&v, time_ns, lost ? "camera_lost" : "camera_back");
         dmn_json_str(&v.j, "camera", now->camera[c]);
@@ -121,7 +121,7 @@ static uint64_t all_dropped(const struct dmn_state *s)
     return n;
 }
 
-/* What there can be much of: once a second, with how much. */
+/* Frequent events: reported once a second, with their number. */
 static void look_at_counts(struct dmn_events *e, const struct dmn_state *now, int64_t time_ns,
                            const struct dmn_events_listener *to)
 {

@@ -40,7 +40,7 @@ pvx_err dmn_images_new(const struct dmn_images_params *p, const struct rec_rig *
         const struct rec_camera *k = &rig->cameras[c];
         pvx_err e = cap_jpeg_new(k->width, k->height, &i->decoder[c]);
         if (e == PVX_EINVAL && p->fmt == CAP_FMT_NONE)
-            continue; /* larger than a JPEG can be: then none comes */
+            continue; /* larger than a JPEG can be, so no JPEG comes */
         if (e != PVX_OK) {
             dmn_images_free(&i);
             return pvx_fail(d, e, "camera %s: no JPEG decoder for %dx%d pixels: %s", k->name,
@@ -92,7 +92,7 @@ static struct cap_convert_params images_how(const dmn_images *i)
         .binning = i->p.binning, .nch = i->p.nch, .transfer = i->p.transfer, .mosaic = i->p.mosaic};
 }
 
-/* The maps for camera c's picture; made when the first of its format comes. */
+/* Find the maps for camera c's picture.  They are made when the first picture of its format comes. */
 static void find_maps(dmn_images *i, size_t c)
 {
     const struct cap_photometry *light = dmn_photometry_of(i->p.light, c);
@@ -134,7 +134,7 @@ static void bin_piece(void *ctx, size_t task)
         atomic_store(&i->bad[c], (int)e);
 }
 
-/* The image of camera c as it came; false: no JPEG. */
+/* Take camera c's image and check its size.  Returns whether it is a JPEG to decode. */
 static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
 {
     const struct rec_camera *k = &i->rig->cameras[c];
@@ -152,7 +152,7 @@ static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
     return i->image[c].data != NULL && img->fmt == CAP_JPEG;
 }
 
-/* Whether camera c's pixels are there; else why not. */
+/* Whether camera c's pixels are there.  If not, an image that came is counted by its fault. */
 static bool account(dmn_images *i, bool came, size_t c)
 {
     pvx_err e = (pvx_err)atomic_load(&i->bad[c]);

@@ -1,10 +1,10 @@
 /* images.h - the raw images of one set become binned pixels.
  *
- * JPEG images are decoded first, one task per camera, then every image is converted in bands.  One that
+ * JPEG images are decoded first, one task per camera, then every image is converted in bands.  An image that
  * cannot be used is counted by cause; its camera is missing from this set.
  * Owner: caller; rig and pool are borrowed.  Threads: one set at a time; counts from any thread.
- * The first picture of a camera that has photometry makes its maps ready for pictures of that format; after
- * that, and new, nothing is allocated here; libjpeg-turbo takes work memory for each picture (jpeg.h). */
+ * Memory is allocated by new, and for a camera's maps when its first picture of a format comes (with photometry).
+ * Nothing else is allocated here.  libjpeg-turbo takes work memory for each picture (jpeg.h). */
 #ifndef DMN_IMAGES_H
 #define DMN_IMAGES_H
 #include "capture/pixel/pixfmt.h"
@@ -16,7 +16,7 @@ typedef struct dmn_images dmn_images;
 
 struct dmn_images_params {
     int nch, binning;    /* raw pixels per bin side */
-    enum cap_pixfmt fmt; /* what the cameras are asked for; NONE = any, JPEG too */
+    enum cap_pixfmt fmt; /* asked of the cameras; NONE = any, JPEG too */
     enum cap_transfer transfer;
     enum cap_mosaic mosaic;      /* of Bayer images at binning 1 */
     const dmn_photometry *light; /* borrowed; NULL = none: pictures as they are */
@@ -27,22 +27,22 @@ PVX_MUST_CHECK pvx_err dmn_images_new(const struct dmn_images_params *p, const s
                                       pvx_pool *pool, dmn_images **out, struct pvx_diag *d);
 void dmn_images_free(dmn_images **i);
 
-/* image[cameras], NULL = missing, to out[cameras] [bins down][bins across][1 or 4].  Returns how many could
- * be used and their bits in *mask. */
+/* Bins image[cameras] (NULL = missing) into out[cameras] [bins down][bins across][1 or 4].  Returns the number of
+ * usable images, with their bits in *mask. */
 uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,
                         uint64_t *mask);
-/* The same into the inputs of a frame, which is told what they are. */
+/* The same into the inputs of a frame; also sets the frame's rec_frame_camera of each camera. */
 uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *image, rec_frame *f,
                               uint64_t *mask);
-/* Colours of the 2x2 pixels of camera c's filter in that set; NULL = it has none. */
+/* Camera c's image in the last set: colours of the 2x2 pixels of its Bayer filter; NULL = it has none. */
 const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c);
-/* Whether they are floating-point numbers. */
+/* Whether its pixels are floating-point numbers. */
 bool dmn_images_floats(const dmn_images *i, size_t c);
 /* Samples of a pixel: 1 of grey and Bayer images, else 3. */
 int dmn_images_samples(const dmn_images *i, size_t c);
-/* What its saturated bins have; 0 = 1, as those of cameras without photometry. */
+/* Value of its saturated bins.  0 means 1, the value for cameras without photometry. */
 float dmn_images_saturated(const dmn_images *i, size_t c);
-/* Why camera c's image of that set could not be used. */
+/* Why it could not be used. */
 const char *dmn_images_why(const dmn_images *i, size_t c);
 void dmn_images_counts(dmn_images *i, uint64_t out[][DMN_N_IMAGE]); /* [cameras] */
 #endif

@@ -9,8 +9,8 @@
 #define VOLUME_NS (30 * PVX_NS_PER_S)
 #define LOOK_NS   (2 * PVX_NS_PER_MS)
 
-/* Whose `set` and what follows it are: IDLE and READY the taker's, WANTED the carve stage's, CARRIED the last stage's;
- * BUSY, for a moment, that of who made it so. */
+/* The state says which thread owns `set` and the members after it.  IDLE and READY: the taker; WANTED: the carve
+ * stage; CARRIED: the last stage; BUSY, for a moment: the thread that set it. */
 enum { IDLE, WANTED, CARRIED, BUSY, READY };
 
 struct dmn_instant {
@@ -18,7 +18,7 @@ struct dmn_instant {
     int nch, cs;
     const atomic_bool *stopping;
     atomic_int state;
-    atomic_uint carried; /* sets, since it was asked for */
+    atomic_uint carried; /* sets taken since the request */
     struct cap_set *set;
     struct pvp_volume volume;
     int32_t n;
@@ -81,11 +81,11 @@ void dmn_instant_volume(dmn_instant *in, const struct pvp_volume *m, const struc
 {
     if (!becomes_busy(in, CARRIED))
         return;
-    if (m->set < in->set->number) { /* was under way before */
+    if (m->set < in->set->number) { /* an earlier set */
         atomic_store(&in->state, CARRIED);
         return;
     }
-    if (m->set > in->set->number) { /* it was dropped: sets keep their order */
+    if (m->set > in->set->number) { /* the set was dropped, as sets keep their order */
         cap_set_release(in->set);
         in->set = NULL;
         atomic_store(&in->state, WANTED);
@@ -98,9 +98,9 @@ void dmn_instant_volume(dmn_instant *in, const struct pvp_volume *m, const struc
     atomic_store(&in->state, READY);
 }
 
-/* ---- who asks ---- */
+/* ---- the taker ---- */
 
-/* Room for a volume; what it will need is touched here, not by the stage that fills it. */
+/* Reserve room for a volume.  The expected part is touched here, not by the stage that fills it. */
 static bool instant_get_room(dmn_instant *in, size_t voxels)
 {
     in->index = pvx_reserve(in->count * sizeof *in->index);
@@ -113,7 +113,7 @@ static bool instant_get_room(dmn_instant *in, size_t voxels)
     return true;
 }
 
-/* Takes it back from a stage, which holds it for a moment at most.  false: the volume came after all. */
+/* Take the request back from a stage, which keeps it BUSY for a moment at most.  false: the volume came after all. */
 static bool instant_give_up(dmn_instant *in)
 {
     for (;;) {

@@ -1,4 +1,4 @@
-/* instant_file.c - the folder that a snapshot is. */
+/* instant_file.c - the folder of a snapshot. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -16,9 +16,9 @@
 #include "daemon/volumes/bricks.h"
 
 #define PART       ".part"
-#define SPACE_MORE (32u << 20) /* texts, and what others write meanwhile */
+#define SPACE_MORE (32u << 20) /* bytes for the texts and for other programs that write meanwhile */
 
-/* The folder that `folder` lies in is made. */
+/* Make the folder that `folder` lies in. */
 static pvx_err make_parent(const char *folder, struct pvx_diag *d)
 {
     char parent[PATH_MAX];
@@ -141,13 +141,13 @@ static pvx_err pipeline_write_all(const char *folder, const struct dmn_instant_g
     return sync_it(folder, d);
 }
 
-/* A folder of files. */
+/* Remove a folder that holds only files. */
 static void remove_it(const char *folder)
 {
     DIR *dir = opendir(folder);
     const struct dirent *e;
     while (dir != NULL && (e = readdir(dir)) != NULL)
-        unlinkat(dirfd(dir), e->d_name, 0); /* but for . and .. */
+        unlinkat(dirfd(dir), e->d_name, 0); /* fails for . and .. only */
     if (dir != NULL)
         closedir(dir);
     rmdir(folder);

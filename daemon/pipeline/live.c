@@ -24,13 +24,13 @@
 struct dmn_live {
     struct dmn_config cfg;
     pvp_auth *auth;      /* borrowed; NULL: no keys */
-    const char *open_to; /* of cfg; NULL: nothing is open to all */
+    const char *open_to; /* endpoint of cfg that is open to all; NULL: none */
     struct rec_rig rig;
     char *rig_text;                  /* as it was read, for subscribers */
     struct rec_sysmat_params matrix; /* resolved */
     pvx_pool *pool;
     rec_sysmat *S;
-    dmn_scene *scene; /* NULL: nobody looks at it */
+    dmn_scene *scene; /* NULL: no camera is simulated */
     struct dmn_sources sources;
     cap_capture *capture;
     dmn_recording *recording; /* NULL = cannot */
@@ -53,7 +53,7 @@ static void live_snapshot(void *ctx, struct dmn_state *out)
     dmn_live_snapshot(ctx, out);
 }
 
-/* The rig's photometry, if it is that of the cameras that are configured. */
+/* Load the rig's photometry after a check that it belongs to the configured cameras. */
 static pvx_err find_light(dmn_live *l, struct pvx_diag *d)
 {
     const struct dmn_config *c = &l->cfg;
@@ -64,14 +64,14 @@ static pvx_err find_light(dmn_live *l, struct pvx_diag *d)
         const struct dmn_photometry_taken as = {
             .exposure_s = s->exposure_us >= 0 ? s->exposure_us * 1e-6 : NAN,
             .gain_db = s->gain >= 0 ? s->gain : NAN,
-            .temperature_c = NAN, /* it and the serial number when it runs: cameras_in.c */
+            .temperature_c = NAN, /* checked with the serial number at run time: cameras_in.c */
             .serial = l->rig.cameras[i].photometry.device[0] == '\0' ? s->uri : NULL};
         PVX_TRY(dmn_photometry_check(&l->rig.cameras[i], &as, c->name, d));
     }
     return dmn_photometry_load(path, DMN_LIGHT_ALL, &l->rig, &l->light, d);
 }
 
-/* All that can be wrong in configuration and rig, before anything that takes long. */
+/* Check all that can be wrong in configuration and rig, before anything that takes long. */
 static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
 {
     const struct dmn_config *c = &l->cfg;
@@ -90,7 +90,7 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
         *session = (uint64_t)pvx_now_real();
     PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, &l->capture, *session, &l->recording, d));
     PVX_TRY(dmn_beside_new(c, *session, &l->beside, d));
-    PVX_TRY(find_light(l, d)); /* takes gains out of the rig, which the recording has */
+    PVX_TRY(find_light(l, d)); /* sets gains of the rig to 1; the recording has copied them */
     PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));
     l->matrix = (struct rec_sysmat_params){.binning = (int32_t)c->binning,
                                            .rays_per_bin = (int32_t)c->rays};
@@ -120,7 +120,7 @@ static void carved(void *ctx, const struct dmn_slot *s)
     dmn_previews_offer(l->previews, s);
 }
 
-/* What of c may change while it runs. */
+/* The options of c that may change while the daemon runs. */
 static struct dmn_tuning tuning(const dmn_live *l, const struct dmn_config *c)
 {
     struct rec_frame_params f;
@@ -133,14 +133,14 @@ static struct dmn_tuning tuning(const dmn_live *l, const struct dmn_config *c)
                                .period_ns = free ? l->sources.capture.sets.period_ns : 0};
 }
 
-/* When a set makes way for a newer one; 0 = never. */
+/* Age, ns, at which a set gives way to a newer one; 0 = never. */
 static int64_t stale_after(const struct dmn_config *c, const struct dmn_tuning *t)
 {
     bool least = c->deadline_ms < 0 && t->limit_ns < DMN_HICCUP_NS;
     return c->lossless ? 0 : least ? DMN_HICCUP_NS : t->limit_ns;
 }
 
-/* Sets that come within a hiccup. */
+/* Number of sets that come within DMN_HICCUP_NS, 1 to DMN_WAITING_MAX. */
 static size_t waiting(const struct dmn_config *c, const struct dmn_tuning *t)
 {
     int64_t n = !c->lossless && t->period_ns > 0 ? DMN_HICCUP_NS / t->period_ns : 1;
@@ -260,7 +260,7 @@ void dmn_live_stop(dmn_live *l, const char *reason)
     atomic_store(&l->out.end_reason, reason);
     atomic_store(&l->stopping, true);
     dmn_recording_hurry(l->recording);
-    cap_capture_stop(l->capture); /* carve sees the end, and so do the others in their turn */
+    cap_capture_stop(l->capture); /* carve sees the end, then each later stage */
     dmn_pipeline_join(l->pipeline);
     dmn_beside_end(l->beside);
     struct cap_recorder_stats s;
@@ -268,7 +268,7 @@ void dmn_live_stop(dmn_live *l, const char *reason)
     char where[PATH_MAX];
     if (s.state != CAP_REC_IDLE &&
         dmn_recording_stop(l->recording, where, sizeof where, NULL) != PVX_OK)
-        return; /* it has been said when it ended */
+        return; /* the error was reported when the take ended */
 }
 
 void dmn_live_free(dmn_live **lp)
@@ -281,8 +281,8 @@ void dmn_live_free(dmn_live **lp)
     dmn_beside_free(&l->beside);
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
-    dmn_watch_free(&l->watch);       /* the pipeline offers it sets, */
-    dmn_previews_free(&l->previews); /* and them */
+    dmn_watch_free(&l->watch);       /* after the pipeline, which offers it sets */
+    dmn_previews_free(&l->previews); /* likewise */
     dmn_images_free(&l->images);
     dmn_photometry_free(&l->light);
     dmn_background_free(&l->background);

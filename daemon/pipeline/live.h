@@ -11,15 +11,16 @@
 
 typedef struct dmn_live dmn_live;
 
-/* Reads the rig, builds or maps the matrix (progress in the log), opens the publisher.  `cfg` is
- * copied; auth, borrowed: who may come in where its endpoints ask, NULL where none does.  Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
+/* Reads the rig, builds or maps the matrix (progress in the log), opens the publisher.  `cfg` is copied.  auth
+ * (borrowed) says which clients the endpoints with keys let in; NULL: no endpoint asks for a key.
+ * Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth,
                                     rec_progress_fn progress, void *progress_ctx, dmn_live **out,
                                     struct pvx_diag *d);
-/* All of that which can be wrong in `cfg` and the rig, without matrix, endpoints and cameras. */
+/* Checks all that can be wrong in `cfg` and the rig, without matrix, endpoints and cameras. */
 PVX_MUST_CHECK pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d);
-/* End of all sources reached, or stopped, and everything published. */
+/* Whether all sources have ended or were stopped, and everything is published. */
 bool dmn_live_finished(dmn_live *l);
 /* Stop the cameras, drain, say `end` to subscribers, join. */
 void dmn_live_stop(dmn_live *l, const char *reason);
@@ -29,18 +30,18 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out);
 /* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
 PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where,
                                        size_t size, struct pvx_diag *d);
-/* What of cfg may change while it runs (dmn_option_live), each stage before its next set: none is lost, and
- * none waits. */
+/* Takes the options of cfg that may change while the daemon runs (dmn_option_live).  Each stage takes them before its
+ * next set.  No set is lost and no stage waits. */
 void dmn_live_tune(dmn_live *l, const struct dmn_config *cfg);
-/* The same for volumes, by a process beside the daemon: record.volumes, hdf5 when that is none. */
-/* One frame set, its volume and the status into a folder (instant.h), named as for dmn_live_record; c: the options in
- * effect.  Answers when all is on the disk. */
+/* Writes one frame set, its volume and the status into a folder (instant.h), named as for dmn_live_record.
+ * c: the options in effect.  Returns when all is on the disk. */
 PVX_MUST_CHECK pvx_err dmn_live_keep(dmn_live *l, const struct dmn_config *c, const char *path,
                                      char *where, size_t size, struct pvx_diag *d);
+/* As dmn_live_record for volumes, by a process beside the daemon: format record.volumes, hdf5 when that is none. */
 PVX_MUST_CHECK pvx_err dmn_live_record_volumes(dmn_live *l, bool start, char *where, size_t size,
                                                struct pvx_diag *d);
-/* The mean of the next `sets` becomes the background, 0: none any more; and how far it is (background.h).  From
- * one thread at a time. */
+/* The mean of the next `sets` becomes the background, 0 removes it; and the state of that request (background.h).
+ * From one thread at a time. */
 PVX_MUST_CHECK pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d);
 void dmn_live_background_state(dmn_live *l, struct dmn_background_state *out);
 /* The latency statistics start anew with the next volume. */

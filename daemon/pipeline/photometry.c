@@ -25,7 +25,7 @@ struct dmn_photometry {
     } camera[REC_MAX_CAMERAS];
 };
 
-/* A name in rig.yaml, relative to its folder. */
+/* Path of a file that rig.yaml names relative to its own folder. */
 static void photometry_beside(const char *rig_path, const char *file, char *out, size_t size)
 {
     const char *slash = strrchr(rig_path, '/');
@@ -139,7 +139,7 @@ static pvx_err photometry_read_map(const char *rig_path, const struct rec_camera
     return PVX_OK;
 }
 
-/* Darker than half in every channel: covered.  Not black alone, since drawings have soft edges. */
+/* A pixel darker than half in every channel is covered.  The limit is not black, since drawings have soft edges. */
 static void covered(const struct cap_image *img, uint8_t *mask)
 {
     int channels = cap_pixfmt_channels(img->fmt);
@@ -189,7 +189,7 @@ static pvx_err read_mask(const char *rig_path, const struct rec_camera *k, uint8
     return e;
 }
 
-/* The gain goes to the maps, and noise is what it will be behind them. */
+/* Move the gain to the maps; scale the noise to its value behind them. */
 static void take_gain(struct rec_camera *k, float gain[3])
 {
     double most = 0, mean = 0;
@@ -277,7 +277,7 @@ pvx_err dmn_photometry_check(const struct rec_camera *k, const struct dmn_photom
 {
     const struct rec_photometry *p = &k->photometry;
     bool known = p->device[0] != '\0' && as->device != NULL && as->device[0] != '\0';
-    size_t scheme = strcspn(p->serial, ":"); /* a recording is called otherwise than its camera */
+    size_t scheme = strcspn(p->serial, ":"); /* a recording's source is not that of its camera */
     bool same = known ? strcmp(p->device, as->device) == 0
                       : p->serial[0] == '\0' || as->serial == NULL ||
                             strncmp(p->serial, as->serial, scheme + 1) != 0 ||

@@ -30,10 +30,10 @@ struct dmn_pipeline {
     float *prev_value;
     size_t prev_bytes;
 
-    pthread_mutex_t tuning_lock; /* held to copy, and never waited for by a stage */
+    pthread_mutex_t tuning_lock; /* held only to copy; a stage never waits for it */
     struct dmn_tuning tuning;
-    atomic_uint tunings;           /* so many came */
-    unsigned carve_has, solve_has; /* of these; each its stage's */
+    atomic_uint tunings;           /* how many came */
+    unsigned carve_has, solve_has; /* the one that each stage has taken; the stage's own */
 
     atomic_uint_fast64_t produced, out, dropped[DMN_N_DROP];
 };
@@ -94,8 +94,8 @@ static void pipeline_drop(dmn_pipeline *p, struct dmn_slot *s, enum dmn_drop why
     pipeline_give_back(p, s);
 }
 
-/* Hand a slot on.  Live, a set without a volume goes, and when there is no room the oldest; lossless,
- * all wait for room. */
+/* Hand a slot on.  Live: drop a set without a volume, and the oldest set if the queue is full.  Lossless: wait for
+ * room. */
 static void hand_on(dmn_pipeline *p, pvx_queue *q, struct dmn_slot *s, enum dmn_drop displaced)
 {
     void *gone = NULL;
@@ -123,7 +123,7 @@ static bool carve(void *ctx)
     void *item;
     if (p->next == NULL) {
         if (pvx_queue_pop(p->idle, DMN_STAGE_WAIT_NS, &item) == PVX_ETIMEDOUT)
-            return true; /* lossless: held back */
+            return true; /* lossless: all slots are in use */
         p->next = item;
     }
     struct dmn_slot *s = p->next;
@@ -246,7 +246,7 @@ static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
         PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
         pipeline_give_back(p, &p->slot[i]);
     }
-    /* Also where no solve starts warm: that may change, and what is not used costs nothing. */
+    /* Reserve it even if no solve starts warm: a tuning may change that, and unused pages cost nothing. */
     size_t n = rec_grid_count(&a->S->grid);
     p->prev_bytes = n * (sizeof(int32_t) + 4 * sizeof(float));
     p->prev_value = pvx_reserve(p->prev_bytes);
@@ -292,7 +292,7 @@ bool dmn_pipeline_finished(dmn_pipeline *p)
 
 void dmn_pipeline_join(dmn_pipeline *p)
 {
-    /* a start that failed half-way leaves queues that nobody closes */
+    /* after a start that failed half-way, no stage closes these queues */
     if (!p->stage[CARVE].started)
         pvx_queue_close(p->to_solve);
     if (!p->stage[SOLVE].started)
@@ -330,7 +330,7 @@ static void stage_state(const struct dmn_stage *s, const char *name, pvx_queue *
                         struct dmn_stage_state *out)
 {
     snprintf(out->name, sizeof out->name, "%s", name);
-    /* the stage goes on counting meanwhile: each number is whole, the lot may be one item apart */
+    /* the stage counts meanwhile: each number is read whole, but they may be one item apart */
     out->items = __atomic_load_n(&s->busy.count, __ATOMIC_RELAXED);
     int64_t sum = __atomic_load_n(&s->busy.sum_ns, __ATOMIC_RELAXED);
     out->mean_ms = out->items == 0 ? 0 : pipeline_to_ms(sum) / (double)out->items;

@@ -4,9 +4,9 @@
  *     carve = photometry + hull + restricted system; each [stage] is a thread of its own and shares
  *     one pool of workers for its loops
  *
- * While set k is solved, k+1 is carved and k-1 goes out.  Slots go round, each with what is
- * one frame set's own; the stages keep their work areas.  Sets come out in the order of the source.  Once
- * started, it allocates nothing.
+ * While set k is solved, k+1 is carved and k-1 goes out.  A slot holds the data of one frame set and is used again
+ * after it; work areas belong to the stages.  Sets come out in the order of the source.  Once started, it allocates
+ * nothing.
  * Live: newest wins - a full queue gives up its oldest set, counted by cause.
  * Lossless: a full queue holds the stage before it, back to the source, and every set reaches the sink,
  * also one that could not be solved.
@@ -16,29 +16,29 @@
 #include "daemon/control/state.h"
 #include "daemon/pipeline/deadline.h"
 
-/* A machine that does something else for a moment does so for as long whatever the rate of the cameras is: the
- * sets that come meanwhile wait for the solver, so many at most, and are not stale.  It works them off in half a
- * period each (deadline.h). */
+/* The machine may do something else for a moment, whose length does not depend on the cameras' rate.  Sets that come
+ * within DMN_HICCUP_NS wait for the solver, DMN_WAITING_MAX at most, and are not stale.  The solver then takes half a
+ * period for each (deadline.h). */
 #define DMN_HICCUP_NS   (60 * PVX_NS_PER_MS)
 #define DMN_WAITING_MAX 3
 /* One being carved, some waiting and one in the solver, one waiting and one in the sink, and one more so
  * that carve never waits for a slot while older sets could be given up. */
 #define DMN_N_SLOTS (5 + DMN_WAITING_MAX)
-/* Lossless nothing is given up: one in each stage keeps all three at work, and one waits for the slowest. */
+/* Lossless gives up no set: one slot in each stage keeps all three at work, and one waits for the slowest. */
 #define DMN_N_SLOTS_LOSSLESS 4
 
-/* One frame set on its way; who holds the pointer owns it. */
+/* One frame set on its way; the stage that holds the pointer owns it. */
 struct dmn_slot {
     rec_frame *frame;
     uint64_t set; /* its number */
     int64_t t_exposure_ns, spread_ns;
     int64_t t_last_mono_ns; /* when its last frame came */
-    int64_t bin_ns;         /* it took to make pixels of its images */
+    int64_t bin_ns;         /* time to make pixels of its images */
     uint64_t passed_over;   /* sets that were too old when this one was taken instead */
     uint32_t n_present;     /* cameras, and their bits: */
     uint64_t mask;
     enum dmn_drop why;       /* DMN_N_DROP, or why there is no volume of it */
-    struct pvx_diag problem; /* the first about its images, "" = none */
+    struct pvx_diag problem; /* the first problem of its images, "" = none */
 };
 
 /* Where sets come from; called by the carve stage. */
@@ -79,7 +79,7 @@ struct dmn_pipeline_params { /* all pointers borrowed */
 /* What may change while it runs. */
 struct dmn_tuning {
     struct rec_photo_params photo;
-    struct rec_solve_params solve; /* but the method */
+    struct rec_solve_params solve; /* all except the method */
     bool warm;
     int64_t limit_ns, period_ns; /* of the deadline */
 };
@@ -95,13 +95,14 @@ bool dmn_pipeline_finished(dmn_pipeline *p);
 void dmn_pipeline_join(dmn_pipeline *p);
 void dmn_pipeline_free(dmn_pipeline **p);
 
-/* Camera c's background from the next set on, as rec_carver_exchange_background; from the source's `next` only. */
+/* Exchanges a camera's background from the next set on (rec_carver_exchange_background).  Call only from the source's
+ * `next`. */
 void dmn_pipeline_background(dmn_pipeline *p, size_t camera, float **bg);
 
-/* Each stage takes it before its next set, and never waits for it.  Any thread. */
+/* Each stage takes the tuning before its next set, and never waits for it.  Any thread. */
 void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t);
 
-/* produced, published, inside, dropped and the stages. */
+/* Fills produced, published, inside, dropped and the stages of out. */
 void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);
 /* Longest time since a stage's last heartbeat, ns. */
 int64_t dmn_pipeline_stuck_ns(dmn_pipeline *p);

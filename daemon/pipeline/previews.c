@@ -22,7 +22,7 @@
 
 /* One camera's copies and what is made of them. */
 struct view {
-    int32_t bw, bh, times, w, h; /* bins; of which every so many-th is shown; pixels */
+    int32_t bw, bh, times, w, h; /* bins; every times-th of them is shown; pixels */
     float *picture;              /* [h][w][4 or 1], as the frame's inputs */
     uint8_t *lit;                /* [bh][bw] */
     uint8_t *pixels, *jpeg, *bits;
@@ -40,7 +40,7 @@ struct dmn_previews {
     struct pvp_preview message;
     uint8_t curve[LEVELS + 1];
     tjhandle coder;
-    atomic_bool wanted, ending; /* wanted: copies are the carve stage's, else the thread's */
+    atomic_bool wanted, ending; /* the carve stage owns the copies while wanted, else the thread */
     _Atomic uint64_t made;
     atomic_size_t subscribers;
     struct pvx_bell bell;
@@ -50,7 +50,7 @@ struct dmn_previews {
 
 /* ---- the carve stage's side ---------------------------------------------------------------------- */
 
-/* The mean of the shown bin and its neighbours: a mosaic has each colour in some of four only. */
+/* The mean of the shown bin and its neighbours (2x2), as a mosaic has each colour in some of four bins only. */
 static void previews_shrink(const struct view *k, const float *in, int nch, float *to)
 {
     const size_t cs = nch == 3 ? 4 : 1, pitch = (size_t)k->bw * cs;
@@ -110,7 +110,7 @@ static uint8_t shade(const dmn_previews *v, float x)
     return v->curve[x >= 1 ? LEVELS : x > 0 ? (int)(x * LEVELS) : 0];
 }
 
-/* The silhouette as bits; how many are set. */
+/* Pack the silhouette into bits.  Returns how many are set. */
 static uint32_t previews_pack(const struct view *k)
 {
     uint32_t lit = 0;
@@ -196,7 +196,7 @@ static void *previews_run(void *arg)
 
 /* ---- life ---------------------------------------------------------------------------------------- */
 
-/* The endpoint, as configured or beside the first file that volumes are published on; false: none. */
+/* The endpoint as configured, or ".previews" beside the first ipc:// endpoint of the volumes; false: none. */
 static bool previews_find_endpoint(const struct dmn_config *c, char *out, size_t size)
 {
     const char *beside = c->endpoints.n == 0 ? dmn_default_endpoint(DMN_VOLUMES) : NULL;

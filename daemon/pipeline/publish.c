@@ -7,7 +7,7 @@
 #include "daemon/config/endpoints.h"
 #include "daemon/pipeline/wire.h"
 
-#define TORN 16 /* sets in which the cameras contradict each other: then it is said */
+#define TORN 16 /* log it after so many sets in which the cameras contradict each other */
 
 #define STATUS_EVERY_NS PVX_NS_PER_S
 #define LOOK_EVERY_NS   (200 * PVX_NS_PER_MS)
@@ -60,7 +60,7 @@ static void say_event(void *ctx, const char *json)
         LOG_EVERY(PVX_LOG_WARN, PROTO, "event not published: %s", pvx_strerror(e));
 }
 
-/* Five times a second: what has happened. */
+/* Five times a second: the events. */
 static void publish_look(struct dmn_publish *p, int64_t now)
 {
     const struct dmn_events_listener to = {say_event, p};

@@ -1,8 +1,8 @@
 /* publish.h - the live sink of the pipeline: volumes to ZeroMQ, and once a second the status message and
- * the start message for those who came late.
+ * the start message for late subscribers.
  *
- * Ownership: the caller's struct, which must not be moved after open.  Threads: the last stage's; `lock`
- * guards what snapshots read, `subscribers` and `reset_latency` are for all. */
+ * Ownership: the caller's struct, which must not be moved after open.  Threads: the last stage.  `lock` guards the
+ * members that snapshots read; `subscribers` and `reset_latency` are for all threads. */
 #ifndef DMN_PUBLISH_H
 #define DMN_PUBLISH_H
 #include <pthread.h>
@@ -16,8 +16,8 @@
 struct dmn_publish {
     pvp_pub *pub;
     const struct rec_rig *rig; /* borrowed from open on */
-    const char *rig_text;   /* what newcomers are told of it; borrowed, for open; NULL: nothing */
-    struct pvp_start start; /* .session is the caller's to choose before open */
+    const char *rig_text;   /* the rig as new subscribers get it; borrowed, for open; NULL: none */
+    struct pvp_start start; /* the caller sets .session before open */
     atomic_size_t subscribers;
     atomic_int compress;              /* enum pvp_compress, from the next volume on */
     atomic_bool reset_latency;        /* the statistics start anew with the next volume */
@@ -43,16 +43,16 @@ struct dmn_publish {
     char status_json[DMN_STATE_JSON_MAX];
 };
 
-/* auth, borrowed: who may come in where c's endpoints ask; NULL where none does.
+/* auth (borrowed) says which clients the endpoints with keys let in; NULL: no endpoint asks for a key.
  * Errors: PVX_EBUSY (endpoint in use), PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                                         const struct rec_rig *rig, pvp_auth *auth,
                                         struct pvx_diag *d);
 /* Compression as c says, from the next volume on.  Any thread. */
 void dmn_publish_compress(struct dmn_publish *p, const struct dmn_config *c);
-/* Closes; a struct of zeros is fine. */
+/* Closes it.  A struct of zeros is allowed. */
 void dmn_publish_close(struct dmn_publish *p);
 struct dmn_sink dmn_publish_sink(struct dmn_publish *p);
-/* Its part of a snapshot. */
+/* Fills the publisher's part of a snapshot. */
 void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out);
 #endif

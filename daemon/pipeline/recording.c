@@ -25,7 +25,7 @@ struct dmn_recording {
     struct cap_take_head head;
 };
 
-/* What the camera is asked for, a "name: value" on each line. */
+/* The settings that the camera is asked for, one "name: value" per line. */
 static char *settings_text(const struct cap_source_config *s)
 {
     static const char *const triggers[] = {"free-run", "software", "line", "action"};
@@ -48,7 +48,7 @@ static char *settings_text(const struct cap_source_config *s)
     return text;
 }
 
-/* The rig; its maps lie beside its file, not beside the take. */
+/* The rig as text, with absolute map names: its maps lie beside its file, not beside the take. */
 static pvx_err describe_rig(dmn_recording *r, const struct dmn_config *c, const struct rec_rig *rig)
 {
     struct rec_rig here;
@@ -134,7 +134,7 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
     }
     sources->capture.tap = cap_recorder_tap(r->recorder);
     for (size_t i = 0; i < rig->n_cameras; i++)
-        sources->source[i].buffers += rc.queue + 1; /* a snapshot's (instant.h) */
+        sources->source[i].buffers += rc.queue + 1; /* 1 for a snapshot (instant.h) */
     *out = r;
     return PVX_OK;
 }
@@ -156,7 +156,7 @@ pvx_err dmn_recording_name(const char *key, const char *pattern, const char *bas
 }
 #pragma GCC diagnostic pop
 
-/* in: a file's whole name, out: `name` in its folder. */
+/* file: in, an absolute path; out, `name` in the same folder. */
 static pvx_err name_beside(const char *name, char *file, size_t size, struct pvx_diag *d)
 {
     char *at = strrchr(file, '/') + 1; /* the name is absolute */
@@ -166,7 +166,7 @@ static pvx_err name_beside(const char *name, char *file, size_t size, struct pvx
                : pvx_fail(d, PVX_ERANGE, "'%s' is too long for a file's name", name);
 }
 
-/* name: a whole path, or one that goes to the folder of record.path; NULL: record.path. */
+/* name: a path (with a slash), or a name for the folder of record.path; NULL: record.path. */
 static pvx_err recording_place(const dmn_recording *r, const char *name, char *out, size_t size,
                                struct pvx_diag *d)
 {

@@ -28,7 +28,7 @@ static float scene_sample(const float *p, int ch)
     return ch < 0 ? (p[0] + p[1] + p[2]) / 3 : p[ch];
 }
 
-/* Light to sRGB's code, 0..1; the opposite of capture/pixel/transfer.h. */
+/* Linear light to sRGB code, 0..1; the inverse of capture/pixel/transfer.h. */
 static float coded(float light)
 {
     return light <= 0.0031308f ? 12.92f * light : 1.055f * powf(light, 1 / 2.4f) - 0.055f;
@@ -84,7 +84,7 @@ static void scene_render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap
     dmn_scene *s = ctx;
     const struct rec_camera *c = &s->rig.cameras[camera];
     struct rec_flame_pose pose;
-    /* Whole periods are taken off in integers: a double has no nanoseconds left at 1e18. */
+    /* Take off whole periods in integers: at 1e18 a double does not resolve nanoseconds. */
     int64_t period = (int64_t)(s->flame.period_s * (double)PVX_NS_PER_S);
     rec_flame_at(&s->flame, (double)(t_real_ns % period) * 1e-9, &pose);
     if (w != c->width || h != c->height) {

@@ -13,7 +13,7 @@ typedef struct dmn_scene dmn_scene;
 PVX_MUST_CHECK pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s,
                                      dmn_scene **out);
 void dmn_scene_free(dmn_scene **s);
-/* What capture is given; valid as long as the scene.  NULL of NULL. */
+/* The scene for capture, valid as long as s.  NULL if s is NULL. */
 const struct cap_scene *dmn_scene_cap(const dmn_scene *s);
 
 /* Linear image [h][w][3] float -> raw pixels of format `fmt`, tightly packed; values outside 0..1

@@ -24,7 +24,7 @@ static const char *own_feature(const char *key, const char *camera)
     return strncmp(key, camera, n) == 0 && key[n] == '.' && key[n + 1] != '\0' ? key + n + 1 : NULL;
 }
 
-/* Those for all, then the camera's own. */
+/* The features for all cameras, then the camera's own. */
 static pvx_err sources_features(struct dmn_sources *s, const struct dmn_config *c,
                                 const char *camera, struct cap_source_config *out,
                                 struct pvx_diag *d)
@@ -88,7 +88,7 @@ static struct cap_gige gige(const struct dmn_config *c)
                              .no_packet_socket = !c->packet_socket};
 }
 
-/* What only rig and configuration together can tell. */
+/* Checks that need the rig and the configuration together. */
 static pvx_err fits_the_rig(const struct dmn_config *c, const struct rec_rig *rig,
                             struct pvx_diag *d)
 {
@@ -109,7 +109,7 @@ static pvx_err fits_the_rig(const struct dmn_config *c, const struct rec_rig *ri
     return PVX_OK;
 }
 
-/* One camera cannot be two of the rig's; recordings and simulations can. */
+/* One live camera cannot be two cameras of the rig; a recording or a simulation can. */
 static pvx_err named_once(const struct dmn_config *c, const struct dmn_sources *s,
                           const struct rec_rig *rig, size_t i, struct pvx_diag *d)
 {

@@ -1,5 +1,5 @@
-/* sources.h - what pyrovoxd.yaml says about the cameras, as capture wants to hear it: one place for
- * the daemon and for `pyrovox cameras test`.
+/* sources.h - the cameras of pyrovoxd.yaml as capture's structs, for the daemon and for
+ * `pyrovox cameras test`.
  *
  * Threads: constant after init. */
 #ifndef DMN_SOURCES_H
@@ -15,8 +15,8 @@ struct dmn_sources {
     struct cap_capture_config capture; /* .camera = source */
 };
 
-/* `rig` is what dmn_config_rig gave; names are borrowed from it, the scene (for sim:, may be NULL)
- * too.  s holds pointers into itself: it must not be moved.
+/* `rig` comes from dmn_config_rig.  Its names and the scene (for sim:, may be NULL) are borrowed.
+ * s holds pointers into itself: it must not be moved.
  * Errors: PVX_EINVAL, PVX_ERANGE, the configuration's (diag names the key). */
 PVX_MUST_CHECK pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                                         const struct rec_rig *rig, const struct cap_scene *scene,

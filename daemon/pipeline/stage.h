@@ -24,7 +24,7 @@ struct dmn_stage {
     struct pvx_hist busy;    /* time per item; written by the stage alone */
 };
 
-/* Errors: PVX_EIO (no thread to be had). */
+/* Errors: PVX_EIO (no thread could be started). */
 PVX_MUST_CHECK pvx_err dmn_stage_start(struct dmn_stage *s, const char *name,
                                        bool (*step)(void *ctx), void *ctx);
 void dmn_stage_join(struct dmn_stage *s);

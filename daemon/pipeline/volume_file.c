@@ -145,7 +145,7 @@ static pvx_err read_sidecar(const char *json, const double shape[3], struct rec_
             ok &= isfinite(g->max[a]) &&
                   g->max[a] > g->min[a]; /* a spacing may be lost in rounding */
         }
-        /* the shape counts in the .npy; where the .json gives one too, they must agree */
+        /* the shape of the .npy counts; if the .json gives one too, they must agree */
         const cJSON *s = cJSON_GetObjectItem(o, "shape");
         for (int a = 0; a < 3 && cJSON_GetArraySize(s) >= 3; a++)
             ok &= cJSON_GetNumberValue(cJSON_GetArrayItem(s, 2 - a)) == shape[a];

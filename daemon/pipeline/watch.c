@@ -30,13 +30,13 @@ struct glimpse {
 
 struct dmn_watch {
     const struct rec_rig *rig;
-    struct rec_rig lenient; /* for checks: small displacements are the drift's */
+    struct rec_rig lenient; /* for checks, which leave small displacements to the drift */
     const rec_sysmat *S;
-    int32_t times; /* its bins are so many of S's, squared */
+    int32_t times; /* a bin of its pictures is times x times bins of S */
     size_t row0[REC_MAX_CAMERAS + 1];
     struct glimpse last, kept[DMN_WATCH_SETS];
-    struct glimpse *into; /* where the next set goes, */
-    int more;             /* and so many: offer's while they are wanted, else the thread's */
+    struct glimpse *into; /* where the next set goes; owner as of more */
+    int more;             /* sets still to come; offer owns it while wanted, else the thread */
     atomic_bool wanted, ending;
     struct pvx_bell bell;
     pthread_t thread;
@@ -54,8 +54,8 @@ struct dmn_watch {
 
 /* ---- the carve stage's side ---------------------------------------------------------------------- */
 
-/* One bin: the mean of its channels' means over what the set's weights leave; NAN where a channel has none.  A camera
- * that was left out has no weights: of a mosaic, b is 0 where a channel has none. */
+/* One bin: the mean over the channels of each channel's mean over the values of positive weight; NAN if a channel has
+ * none.  A camera that was left out has no weights; in a mosaic its b is then 0 where a channel has no value. */
 static float bin(const rec_frame *f, bool out, size_t first, size_t pitch, int32_t times)
 {
     const float *b = rec_frame_rhs(f), *w4 = rec_frame_weight4(f), *w = rec_frame_weight(f);
@@ -108,7 +108,7 @@ void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s)
 
 /* ---- the thread ---------------------------------------------------------------------------------- */
 
-/* The next n sets; false: it ends. */
+/* Wait for the next n sets; false: the watch ends. */
 static bool pipeline_take(dmn_watch *w, struct glimpse *into, int n)
 {
     w->into = into;
@@ -150,7 +150,7 @@ static void watch_tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
     }
 }
 
-/* This thread, on a processor. */
+/* Processor time of this thread. */
 static int64_t worked_ns(void)
 {
     struct timespec t;
@@ -165,7 +165,7 @@ static void rest(dmn_watch *w, int64_t worked)
         pvx_bell_wait(&w->bell, until);
 }
 
-/* The set's pictures of these cameras, until the next call. */
+/* The set's pictures of the cameras in mask, valid until the next call. */
 static const float *const *watch_pictures(dmn_watch *w, const struct glimpse *g, uint64_t mask)
 {
     for (size_t c = 0; c < w->rig->n_cameras; c++)
@@ -173,7 +173,7 @@ static const float *const *watch_pictures(dmn_watch *w, const struct glimpse *g,
     return w->picture;
 }
 
-/* For the drift.  Returns what it worked. */
+/* One set for the drift.  Returns the processor time that it took. */
 static int64_t pipeline_look(dmn_watch *w)
 {
     uint64_t changed;
@@ -198,7 +198,7 @@ static pvx_err watch_get(void *ctx, size_t i, struct rec_check_set *out)
     return PVX_OK;
 }
 
-/* After a set of the check: a rest, and as much for the drift. */
+/* After a set of the check: rest, then work as long for the drift. */
 static bool pause_for_others(void *ctx, double done)
 {
     dmn_watch *w = ctx;
@@ -211,8 +211,9 @@ static bool pause_for_others(void *ctx, double done)
     return !atomic_load(&w->ending);
 }
 
-/* Cameras that nobody believes, by the vote of all sets, by the drift or by the checks before, stay out of the volumes as
- * those do that are not there, as long as enough are left that could agree.  False: they are too few. */
+/* Doubted cameras stay out of the check's volumes: missing ones, those left out of all sets by the vote, those that
+ * the drift or earlier checks found wrong.  If too few others are left to agree, only missing cameras are doubted.
+ * False: too few cameras are present. */
 static bool whom_to_doubt(const dmn_watch *w, uint64_t *there, bool doubted[REC_MAX_CAMERAS])
 {
     uint64_t mask = 0, out = UINT64_MAX;
@@ -234,7 +235,7 @@ static bool whom_to_doubt(const dmn_watch *w, uint64_t *there, bool doubted[REC_
     return present >= REC_CHECK_LEAST;
 }
 
-/* What has been said of the cameras by others. */
+/* What the drift and the vote say of the cameras. */
 static void what_is_known(const dmn_watch *w, uint8_t known[REC_MAX_CAMERAS])
 {
     const struct glimpse *g = &w->last;
@@ -290,7 +291,7 @@ static void *watch_run(void *arg)
     dmn_watch *w = arg;
     struct pvx_diag why = {""};
     setpriority(PRIO_PROCESS, 0,
-                LEAST); /* Linux: of this thread; where it is refused, the rests do */
+                LEAST); /* Linux: of this thread; if it is refused, the rests suffice */
     if (watch_begin(w, &why) != PVX_OK) {
         LOG_W(DAEMON, "cameras that go wrong are not noticed: %s", why.text);
         return NULL;

@@ -1,13 +1,13 @@
-/* watch.h - the rig looked at while it runs: a camera that was moved is named (recon/check/drift.h), and what else is
- * wrong with one, by the check that `pyrovox calibrate check` makes of a recording (recon/check/judge.h).
+/* watch.h - watches the rig while it runs: it names a camera that was moved (recon/check/drift.h) and other faults of
+ * a camera, by the check that `pyrovox calibrate check` makes of a recording (recon/check/judge.h).
  *
- * A thread of the lowest priority (nice 19) takes carved frame sets when it is ready for them and rests four times as
- * long as they took, so it costs a fifth of a processor at most, and nothing where others need it.  Half of its time
- * it looks at single cameras of single sets, for the drift; the other half is a check, of DMN_WATCH_SETS sets in runs
- * that follow each other, with pauses for the first after each.  What it finds is a camera's state; what changes is a
- * line in the log.  The pictures of cameras that the vote left out are checked too: why, the check can say better.
- * Fewer than four cameras cannot contradict each other: nothing is looked at then.
- * Memory: that of unseen.h once, twenty pictures of 160 bins across or so for each camera; taken by the thread when
+ * A thread of the lowest priority (nice 19) takes carved frame sets when it is ready and then rests four times as
+ * long as it worked.  So it costs a fifth of a processor at most, and nothing if other threads need the processor.
+ * Half of its time goes to the drift, with single cameras of single sets.  The other half goes to a check of
+ * DMN_WATCH_SETS sets, in runs of consecutive sets, with a pause for the drift after each set.  A finding is a
+ * camera's state; a change is a line in the log.  Cameras that the vote left out are checked too, as the check can
+ * say better why.  Fewer than four cameras cannot contradict each other, so then nothing is watched.
+ * Memory: that of unseen.h once, twenty pictures of 160 bins across or so for each camera; the thread takes it when
  * it starts.
  * Threads: new, free and offer's caller as said; state by any. */
 #ifndef DMN_WATCH_H
@@ -20,13 +20,14 @@
 
 typedef struct dmn_watch dmn_watch;
 
-/* rig and S are borrowed.  NULL in *out with fewer than four cameras.  Errors: PVX_ENOMEM, PVX_EIO (no thread to be had). */
+/* rig and S are borrowed.  *out = NULL with fewer than four cameras.  Errors: PVX_ENOMEM, PVX_EIO (no thread could be
+ * started). */
 PVX_MUST_CHECK pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S,
                                      dmn_watch **out, struct pvx_diag *d);
 void dmn_watch_free(dmn_watch **w);
-/* After rec_frame_carve, by one thread: the set's pictures are copied when a set is wanted, else nothing is done.
- * NULL is fine. */
+/* Call after rec_frame_carve, from one thread.  Copies the set's pictures if a set is wanted, else does nothing.
+ * w may be NULL. */
 void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s);
-/* out->rig of all cameras and out->checks; NULL: nothing is known. */
+/* Fills out->rig of all cameras and out->checks; w NULL: leaves them. */
 void dmn_watch_state(dmn_watch *w, struct dmn_state *out);
 #endif
