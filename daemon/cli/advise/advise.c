@@ -1,4 +1,4 @@
-/* advise.c - `pyrovox advise`: which terms and settings a scene needs, by what a recording shows. */
+/* advise.c - `pyrovox advise`: finds from a recording which terms and settings a scene needs. */
 #include <argp.h>
 #include <math.h>
 #include <stdio.h>
@@ -43,7 +43,7 @@ static void advise_say_light(const struct flame_sets *s, const struct advice *a)
                "", 100 * a->lit);
 }
 
-/* Where each camera is dark. */
+/* Print where each camera is dark. */
 static void bodies(const struct flame_sets *s, const struct advice *a)
 {
     size_t n = 0;
@@ -141,7 +141,7 @@ static void millimetres(const struct rec_resolution *r, int noise)
     }
 }
 
-/* Finest detail of a flame's own brightness, and whether noise or the rig limits it. */
+/* Print the finest detail of a flame's own brightness, and whether noise or the rig limits it. */
 static void advise_detail(const struct advice *a)
 {
     const struct rec_resolution *r = &a->resolution;
@@ -169,7 +169,7 @@ static void advise_detail(const struct advice *a)
     printf(": more %s\n", light ? "light helps" : "cameras help, more light does not");
 }
 
-/* Of colours, where pictures have them. */
+/* Print the noise of each channel, if pictures have colours. */
 static void advise_say_noise(const struct advice *a)
 {
     if (!(a->noise[0] > 0))
@@ -183,7 +183,7 @@ static void advise_say_noise(const struct advice *a)
         100 * a->noise[0], 100 * a->noise[1], 100 * a->noise[2]);
 }
 
-/* Where both are alike: trilinear, because smooth volumes render better. */
+/* If both are about equal: trilinear, because smooth volumes render better. */
 static enum rec_basis basis(const struct advice *a)
 {
     return ADVISE_SAME * a->basis[REC_BOX] < a->basis[REC_TRILINEAR] ? REC_BOX : REC_TRILINEAR;
@@ -249,7 +249,7 @@ static void advise_size(const struct flame_sets *s, const struct advice *a)
            100 * a->half, 100 * a->all);
 }
 
-/* A line a term on stdout, then a configuration to paste. */
+/* Print a line for each term on stdout, then a configuration to paste. */
 static void advise_print(const struct flame_sets *s, const struct advice *a)
 {
     advise_say_light(s, a);
@@ -267,7 +267,7 @@ static void advise_print(const struct flame_sets *s, const struct advice *a)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
     else
         printf("grid: [%d]\n", a->grid[a->best_grid].voxels);
-    double level = INFINITY; /* what all of them have; one number takes no more off */
+    double level = INFINITY; /* lowest of all cameras: one number must not subtract more */
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         level = fmin(level, a->level[c]);
     if (a->level[a->darkest] > ADVISE_LEVEL && a->level[a->darkest] > level + ADVISE_LEVEL)

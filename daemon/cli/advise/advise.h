@@ -1,4 +1,4 @@
-/* advise.h - what `pyrovox advise` measures in a recording, and the limits of its verdicts. */
+/* advise.h - the measurements that `pyrovox advise` makes on a recording, and the limits of its verdicts. */
 #ifndef ADVISE_H
 #define ADVISE_H
 #include "daemon/cli/common/flame_sets.h"
@@ -13,7 +13,7 @@ struct advise_grid {
     int32_t voxels; /* along the longest side */
     double error, ms;
 };
-/* Brightness of the cameras, by volumes of the others in which light is emission by the c that was found. */
+/* Brightness of each camera, compared with volumes of the others.  These use the absorption c that was found. */
 struct advise_gain {
     bool known, on;               /* known: three cameras see flame in three sets */
     double gain[REC_MAX_CAMERAS]; /* over the median of all */
@@ -22,7 +22,7 @@ struct advise_gain {
 };
 /* Whether pictures are a power of the light. */
 struct advise_response {
-    double power;    /* that makes light of them: 1, or the best of those tried */
+    double power;    /* turns the pictures into light: 1, or the best of those tried */
     double error[2]; /* of left-out pictures, as they are and by the power */
     bool on;
 };
@@ -30,17 +30,17 @@ struct advise_response {
 struct advise_motion {
     bool known, on;       /* known: three sets in a row; on: the volume before helps */
     size_t sets;          /* of the run */
-    double voxels;        /* of the check's grid, that its light moves from set to set */
-    double change, noise; /* of the pictures from set to set, share: beyond noise, and by noise */
+    double voxels;        /* motion of light from set to set, in voxels of the check's grid */
+    double change, noise; /* change of pictures from set to set, share: beyond noise, by noise */
     double sigma;
     double error[2],
         ms[2];    /* of left-out pictures and of a solve; without and with the volume before */
-    double floor; /* what noise alone makes of error */
-    size_t better, pictures; /* improved by the volume before; of so many */
+    double floor; /* the error that noise alone makes */
+    size_t better, pictures; /* pictures that the volume before improves; all pictures */
 };
-/* Where a camera stays dark though the volume of the others has light there. */
+/* Where a camera stays dark although the volume of the others has light there. */
 struct advise_body {
-    double share;           /* of the light that it should see, 0: nowhere */
+    double share;           /* of the light that the camera should see; 0: no body */
     int32_t from[2], to[2]; /* raw pixels, right and down, last ones included */
     double error[2];        /* of the other cameras' pictures, with these pixels and without */
 };
@@ -58,44 +58,45 @@ struct advice {
     struct advise_motion motion;
     struct rec_resolution resolution; /* least 0: not known */
     double margin[ADVISE_MARGINS];    /* error with silhouettes grown by so many bins */
-    int32_t best_margin, margin_bins; /* the latter in those of a daemon's pictures */
+    int32_t best_margin, margin_bins; /* the latter in bins of a daemon's pictures */
     double noise[3];                  /* by channel; 0: grey */
     double basis[2];                  /* error of left-out pictures: box, trilinear */
     struct advise_grid grid[ADVISE_GRIDS];
     size_t n_grids, best_grid; /* the coarsest that is not worse by REC_ADVISE_SAME than the best */
-    int32_t finest;            /* that the pictures hold, rec_rig_finest */
+    int32_t finest;            /* finest grid that the pictures support, rec_rig_finest */
     double half, all;          /* error with every second camera, with all but the one */
 };
-#define ADVISE_SAME        1.02  /* errors that are alike */
+#define ADVISE_SAME        1.02  /* errors within this factor count as equal */
 #define ADVISE_LEVEL       0.002 /* half a step of 8 bits */
 #define ADVISE_SATURATED   0.005
 #define ADVISE_HIDDEN      0.015 /* share of a camera's light */
 #define ADVISE_HIDDEN_BUYS 0.03  /* share of the others' squared error */
-/* Shares of left-out pictures' squared error that is not noise; of absorption instead of REC_ABSORPTION_GAIN where
- * bodies or full scale take light away as well */
+/* Shares of the left-out pictures' squared error that is not noise.  ADVISE_ABSORPTION replaces REC_ABSORPTION_GAIN
+ * where bodies or full scale take light away as well. */
 #define ADVISE_ABSORPTION 0.18
 #define ADVISE_BENT       0.2
 #define ADVISE_FAR        2    /* voxels from set to set */
 #define ADVISE_LEANS      0.01 /* share of the squared error that is not noise; in 3 pictures of 4 */
-#define ADVISE_GAIN       0.05 /* off the median */
+#define ADVISE_GAIN       0.05 /* deviation from the median */
 #define ADVISE_GAIN_BUYS  0.06 /* share of left-out pictures' squared error that is not noise */
 
 /* Black levels are subtracted, bodies masked and gains put into s->rig as they are found, so that each term is judged
  * with the others already corrected.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */
 PVX_MUST_CHECK pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
-/* The part of it that is about light: pictures, absorption, gains. */
+/* The part of advise_measure about light: pictures, absorption, gains. */
 PVX_MUST_CHECK pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
-/* found [REC_MAX_CAMERAS]; what is dark becomes NaN in all sets. */
+/* Find the dark bodies before each camera.  found [REC_MAX_CAMERAS].  Their bins become NaN in all sets. */
 PVX_MUST_CHECK pvx_err advise_bodies(struct flame_sets *s, struct advise_body *found,
                                      struct pvx_diag *d);
-/* Absorption and gains, each with the other as it is found. */
+/* Absorption and gains, each measured with the other as found so far. */
 PVX_MUST_CHECK pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
-/* Motion, frame rate, gain by the volume before, resolution. */
+/* Motion, frame rate, what the volume before improves, resolution. */
 PVX_MUST_CHECK pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
-/* Noise of each channel, from the files again, in colour. */
+/* Noise of each channel.  Reads the files again, in colour. */
 PVX_MUST_CHECK pvx_err advise_noise(const struct flame_sets *s, struct advice *a,
                                     struct pvx_diag *d);
-/* Compared with what absorption and gains explain.  advise_straighten turns all pictures into light. */
+/* Whether a power explains the pictures better than absorption and gains do.  advise_straighten turns all pictures
+ * into light. */
 PVX_MUST_CHECK pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 void advise_straighten(struct flame_sets *s, double power);
 

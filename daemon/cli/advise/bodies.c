@@ -10,11 +10,11 @@
 #include "recon/check/holdout.h"
 
 #define SETS   4
-#define DARK   0.2 /* of what is due */
-#define DUE    0.1 /* of the camera's brightest, mean over the recording */
+#define DARK   0.2 /* a bin is dark below this share of the light expected there */
+#define DUE    0.1 /* least expected light, of the camera's brightest; means of the recording */
 #define LEAST  6   /* bins */
-#define ROUNDS 2   /* what one camera does not see shows better once another is masked */
-#define MOST   0.7 /* of a camera's light: then it is dark itself */
+#define ROUNDS 2   /* bodies of one camera show better after those of another are masked */
+#define MOST   0.7 /* of a camera's light: beyond it the camera itself is dark */
 
 struct dark {
     struct flame_sets *s;
@@ -34,7 +34,7 @@ static pvx_err bodies_load(struct dark *w, size_t j, struct rec_check_set *set)
     return PVX_OK;
 }
 
-/* Means of what every camera sees and of what the others say it should. */
+/* Mean pictures: b as every camera sees it, p as the volume of the other cameras predicts it. */
 static pvx_err bodies_means(struct dark *w)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
@@ -65,7 +65,7 @@ static pvx_err bodies_means(struct dark *w)
     return PVX_OK;
 }
 
-/* Marks the part around bin i with `as`; its light. */
+/* Mark the connected part around bin i with `as`.  Returns the light expected in it. */
 static double bodies_fill(struct dark *w, size_t c, int32_t i, uint8_t from, uint8_t as,
                           int32_t *bins)
 {
@@ -88,7 +88,7 @@ static double bodies_fill(struct dark *w, size_t c, int32_t i, uint8_t from, uin
     return light;
 }
 
-/* The part of camera c with most light missing: marked 2; its share of what c should see. */
+/* Mark with 2 the part of camera c where most light is missing.  Returns its share of the light that c should see. */
 static double bodies_largest(struct dark *w, size_t c)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
@@ -115,7 +115,7 @@ static double bodies_largest(struct dark *w, size_t c)
     return all > 0 ? most / all : 0;
 }
 
-/* What the other cameras' pictures miss with the part's bins as they are (0), and without them (1). */
+/* Squared error of the other cameras' pictures with the part's bins as they are (0), and without these bins (1). */
 static pvx_err bodies_judge(struct dark *w, size_t c, double miss[2], double *size)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
@@ -147,7 +147,7 @@ static pvx_err bodies_judge(struct dark *w, size_t c, double miss[2], double *si
     return PVX_OK;
 }
 
-/* Where it is, in raw pixels. */
+/* The rectangle around the part, in raw pixels. */
 static void bodies_frame(const struct dark *w, size_t c, struct advise_body *b)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
@@ -166,7 +166,7 @@ static void bodies_frame(const struct dark *w, size_t c, struct advise_body *b)
     }
 }
 
-/* Its bins and those around them say nothing from now on: NaN, in all sets. */
+/* Set the part's bins and those around them to NaN in all sets. */
 static void bodies_mask(struct dark *w, size_t c)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
@@ -184,7 +184,7 @@ static void bodies_mask(struct dark *w, size_t c)
     }
 }
 
-/* All cameras once, found[]: so far.  *more: some were found. */
+/* Look at all cameras once.  found[]: the bodies found so far.  *more: whether new ones were found. */
 static pvx_err bodies_look(struct dark *w, struct advise_body *found, bool *more)
 {
     PVX_TRY(bodies_means(w));

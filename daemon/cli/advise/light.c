@@ -9,7 +9,7 @@
 #define SETS   6
 #define VOXELS 32
 #define ROUNDS 3   /* of gains and absorption */
-#define GUESS  2.0 /* a depth */
+#define GUESS  2.0 /* depth at the brightest pixel */
 
 /* Some sets, as emission. */
 struct emitted {
@@ -65,7 +65,7 @@ static void light_judge(const struct flame_sets *s, const double *gain, struct a
             was - is > ADVISE_GAIN_BUYS * fmax(was - g->noise * g->noise, 0);
 }
 
-/* Gains of pictures that absorb by c, over `own`, begun with those that are believed already, if any. */
+/* Gains relative to `own` for a flame that absorbs by c.  Starts from the gains of `begin` if they are on. */
 static pvx_err light_gains(struct flame_sets *s, double c, const double *own,
                            const struct advise_gain *begin, struct advise_gain *g,
                            struct pvx_diag *d)
@@ -89,7 +89,7 @@ static pvx_err light_gains(struct flame_sets *s, double c, const double *own,
     for (size_t k = 0; k < s->rig.n_cameras; k++)
         free(m.room[k]);
     *g = (struct advise_gain){.known = e == PVX_OK};
-    if (e == PVX_EINVAL) /* it tells nothing */
+    if (e == PVX_EINVAL) /* the pictures do not determine gains */
         return PVX_OK;
     PVX_TRY(e);
     g->noise = r.noise;
@@ -98,7 +98,7 @@ static pvx_err light_gains(struct flame_sets *s, double c, const double *own,
     for (size_t k = 0; k < s->rig.n_cameras; k++)
         gain[k] /= own[k];
     light_judge(s, gain, g);
-    if (begin->on) { /* believed: what is left of it is asked */
+    if (begin->on) { /* accepted before: is there still a gain? */
         g->error[0] = begin->error[0];
         g->on = fabs(log(g->gain[g->worst])) > log(1 + ADVISE_GAIN);
     }
@@ -115,7 +115,7 @@ static pvx_err absorption(struct flame_sets *s, struct rec_absorption *out, stru
     return e;
 }
 
-/* Neither bodies nor full scale were found. */
+/* Whether neither bodies nor saturated pixels were found. */
 static bool told(const struct flame_sets *s, const struct advice *a)
 {
     bool all = a->saturated <= ADVISE_SATURATED;
@@ -124,7 +124,7 @@ static bool told(const struct flame_sets *s, const struct advice *a)
     return all;
 }
 
-/* From now on the cameras are as bright as that, or as they came. */
+/* Set the rig's gains to own times those of g, or to own if g is not on. */
 static void light_use(struct flame_sets *s, const double *own, const struct advise_gain *g)
 {
     for (size_t c = 0; c < s->rig.n_cameras; c++)
@@ -132,20 +132,20 @@ static void light_use(struct flame_sets *s, const double *own, const struct advi
             s->rig.cameras[c].gain[ch] = (float)(own[c] * (g->on ? g->gain[c] : 1));
 }
 
-/* Absorption and gains that go together. */
+/* Absorption and gains that were found together. */
 struct light {
     struct rec_absorption absorption;
     struct advise_gain gain;
 };
-/* Errors of left-out pictures so far. */
+/* Least errors of left-out pictures so far. */
 struct least {
     double without, with; /* absorption */
     double alone;         /* with it and no gains: */
     struct rec_absorption plain;
 };
 
-/* Absorption with these gains; *best: the better of the two.  One number that explains the pictures as well as a gain
- * for every camera does is not judged against those. */
+/* Find the absorption with these gains, and put both into *best if they are better.  Gains without absorption count
+ * only if their error is below that of absorption alone: absorption is one number, gains are one for every camera. */
 static pvx_err try(struct flame_sets *s, const double *own, const struct advise_gain *g,
                    struct light *best, struct least *l, struct pvx_diag *d)
 {
@@ -165,9 +165,9 @@ static pvx_err try(struct flame_sets *s, const double *own, const struct advise_
     return PVX_OK;
 }
 
-/* A flame that absorbs looks like cameras of other gains from its thin sides, and the other way round: absorption is
- * believed if it betters what gains can do alone.  Gains are asked for without it first: with it a camera that is
- * brighter than full absorption allows has none. */
+/* From its thin sides a flame that absorbs looks like cameras with other gains, and the other way round.  So
+ * absorption is accepted only if it is better than gains alone.  Gains are first found without absorption: with it, a
+ * camera that is brighter than full absorption allows has no gain. */
 pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     struct advise_gain none = {0}, thin, deep;
@@ -185,11 +185,11 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
         if (best.absorption.gain < 0.5 * REC_ABSORPTION_GAIN) {
             if (!thin.on || round > 0)
                 break;
-            c = -expm1(-GUESS) / best.absorption.brightest; /* gains may have taken it all */
+            c = -expm1(-GUESS) / best.absorption.brightest; /* gains may hide all of it */
         }
         PVX_TRY(light_gains(s, c, own, &best.gain, &deep, d));
         if (!deep.on && !best.gain.on) {
-            best.gain = deep; /* what it measured */
+            best.gain = deep; /* keep the measurement */
             break;
         }
         PVX_TRY(try(s, own, &deep, &best, &l, d));

@@ -15,7 +15,8 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* A quarter of a picture is dark wherever the flame stands: that quantile of noise is 0.67 sigma below the level. */
+/* Black level.  A quarter of a picture is dark wherever the flame stands.  That quantile of noise is 0.67 sigma below
+ * the level. */
 static double dark_level(const rec_unseen *u, size_t c, float *room)
 {
     const rec_sysmat *S = rec_unseen_matrix(u);
@@ -49,7 +50,7 @@ static void measure_look(const rec_unseen *u, struct advice *a, double count[3],
     }
 }
 
-/* Levels, noise, what is saturated. */
+/* Measure black levels, noise, and the saturated share. */
 static pvx_err measure_pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
 {
     struct rec_check_source from = flame_sets_source(s, "pictures");
@@ -77,7 +78,7 @@ static pvx_err measure_pictures(rec_unseen *u, struct flame_sets *s, struct advi
     return e;
 }
 
-/* What follows sees the pictures as they are once black is subtracted. */
+/* Subtract the black levels from the pictures for all that follows. */
 static void measure_subtract(struct flame_sets *s, const struct advice *a)
 {
     float top = s->floats ? INFINITY : REC_PHOTO_FULL;
@@ -93,7 +94,7 @@ struct outcome {
     double error, ms;
 };
 
-/* With other params, by every step-th of the others. */
+/* Measure with params p, where the volume is of every step-th of the other cameras. */
 static pvx_err with(struct flame_sets *s, const struct advice *a, const struct rec_unseen_params *p,
                     size_t step, const char *label, struct outcome *o, struct pvx_diag *d)
 {
@@ -112,7 +113,7 @@ static pvx_err with(struct flame_sets *s, const struct advice *a, const struct r
                : e;
 }
 
-/* The grids by the rig's basis, then the other basis on that of the check. */
+/* Measure all grids with the rig's basis, then the other basis on the grid of the check. */
 static pvx_err measure_grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     enum rec_basis own = s->rig.grid.basis, other = own == REC_BOX ? REC_TRILINEAR : REC_BOX;
@@ -148,7 +149,7 @@ pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     *a = (struct advice){0};
     PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &u, d));
     pvx_err e = measure_pictures(u, s, a);
-    if (e == PVX_OK && a->level[a->darkest] > ADVISE_LEVEL) { /* what follows sees them without */
+    if (e == PVX_OK && a->level[a->darkest] > ADVISE_LEVEL) { /* subtracted from now on */
         struct advice without = {0};
         measure_subtract(s, a);
         e = measure_pictures(u, s, &without);
@@ -173,7 +174,7 @@ pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     return advise_light(s, a, d);
 }
 
-/* Silhouettes grown by more than they need let in what is not there, by less cut the flame. */
+/* Find the margin of silhouettes.  A larger one than needed lets in ghosts, a smaller one cuts the flame. */
 static pvx_err margins(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     struct outcome o = {0};
@@ -190,12 +191,12 @@ static pvx_err margins(struct flame_sets *s, struct advice *a, struct pvx_diag *
     return PVX_OK;
 }
 
-/* The margin in bins of the grid that is advised. */
+/* Convert the margin to bins of the advised grid. */
 static pvx_err configured(const struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     const struct rec_sysmat_params p = {.binning = 0, .rays_per_bin = s->params.rays};
     struct rec_sysmat_params got;
-    struct rec_rig rig = s->rig; /* its grid alone is changed */
+    struct rec_rig rig = s->rig; /* only its grid is changed */
     struct rec_grid *g = &rig.grid;
     double longest = 0;
     for (int k = 0; k < 3; k++)
@@ -208,7 +209,7 @@ static pvx_err configured(const struct flame_sets *s, struct advice *a, struct p
     return PVX_OK;
 }
 
-/* Whether every second camera would do. */
+/* Measure whether every second camera would be enough. */
 static pvx_err measure_cameras(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     struct rec_unseen_params p = s->params;

@@ -26,7 +26,7 @@ struct motion {
     double c; /* absorption */
     size_t first, done;
     double miss[2], all, ms[2], moved,
-        light; /* without and with what is expected; emission times way */
+        light; /* miss, ms: without and with the volume before; moved: emission times way */
     double noise;
     size_t solves[2];
     double alone[CAMERAS * RUN]; /* miss of each picture, each set alone */
@@ -58,7 +58,7 @@ static pvx_err motion_load(struct motion *w, size_t i)
     return PVX_OK;
 }
 
-/* Squares of the pictures' change from set to set, of their light, and what noise makes of the former. */
+/* Measure how much the pictures change from set to set, and how much of that noise makes.  Both relative to light. */
 static pvx_err motion_change(struct motion *w)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
@@ -92,7 +92,7 @@ static pvx_err motion_change(struct motion *w)
     return e;
 }
 
-/* How far emission moved since the volume before; then this one is that. */
+/* Add how far emission moved since the volume before.  Then keep this volume as the one before. */
 static void follow(struct motion *w, bool begun)
 {
     struct rec_sparse v;
@@ -116,7 +116,7 @@ static void follow(struct motion *w, bool begun)
     w->before = v;
 }
 
-/* Camera k left out of the whole run. */
+/* Solve the whole run without camera k, and compare with its pictures. */
 static pvx_err motion_leave_out(struct motion *w, size_t k, int leaning, bool track)
 {
     bool use[REC_MAX_CAMERAS];
@@ -153,7 +153,7 @@ static pvx_err motion_leave_out(struct motion *w, size_t k, int leaning, bool tr
     return PVX_OK;
 }
 
-/* What one set's noise lets through, with the whole volume of the run's first set. */
+/* Finest detail that the noise of one set allows, from the volume of all cameras of the run's first set. */
 static pvx_err details(struct motion *w, struct rec_resolution *out)
 {
     bool all[REC_MAX_CAMERAS];

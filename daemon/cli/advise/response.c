@@ -11,19 +11,18 @@
 
 #define SETS   3
 #define VIEWS  12
-#define BRIGHT 0.25 /* of a picture's brightest: edges are off by more than they are bright */
-#define LIFT   20.0 /* dim light is below the least threshold when it is squared */
+#define BRIGHT 0.25 /* least light, of a picture's brightest: at edges errors exceed the light */
+#define LIFT   20.0 /* factor on all light: squared dim light is below the least threshold */
 
 static const double powers[] = {0.45, 0.7, 1.4, 2.2};
 #define N_POWERS (sizeof powers / sizeof *powers)
 
-/* Pictures as light: as they came, by the gains and the absorption that explain them best, believed or not; or by a
- * power.  Gains that were found of bent pictures may be what the power makes of them: a power is tried with them and
- * without. */
+/* A way to turn pictures into light: unchanged with the best gains and absorption, accepted or not, or by a power.
+ * A power in the pictures may itself cause wrong gains, so each power is tried with and without the gains found. */
 struct tried {
     double power, c;
     bool gains;
-    double miss[VIEWS], all; /* squares: of what is missed, of the pictures */
+    double miss[VIEWS], all; /* sums of squares: of errors, of the pictures */
 };
 
 struct curve {
@@ -33,8 +32,8 @@ struct curve {
     double gain[REC_MAX_CAMERAS];
     float *room[REC_MAX_CAMERAS];
     struct tried tried[2 + 2 * N_POWERS];
-    size_t n, as_came; /* the first of them are powers of 1 */
-    double noise;      /* squares of the first's pictures' */
+    size_t n, as_came; /* all; the first as_came of them have power 1 */
+    double noise;      /* sum of squares, of the pictures of tried[0] */
     uint32_t views;
 };
 
@@ -43,7 +42,7 @@ static double bent(double v, double power)
     return copysign(pow(fabs(v), power), v);
 }
 
-/* Set i as light; full scale says nothing. */
+/* Load set i as light.  Saturated bins become NaN. */
 static pvx_err response_load(struct curve *w, size_t i, const struct tried *t)
 {
     const float *at[REC_MAX_CAMERAS];
@@ -63,7 +62,7 @@ static pvx_err response_load(struct curve *w, size_t i, const struct tried *t)
     return PVX_OK;
 }
 
-/* What the volume misses of camera k's picture where it is bright, as the picture was. */
+/* Squared error of the volume in camera k's picture where that is bright, on the scale of the original picture. */
 static double missed(struct curve *w, size_t k, struct tried *t)
 {
     const double power = t->power;
@@ -112,7 +111,7 @@ static pvx_err response_measure(struct curve *w, struct tried *t)
     return PVX_OK;
 }
 
-/* The pictures that it misses, all together, over those of the first. */
+/* Total squared error of t, scaled to the pictures of tried[0]. */
 static double response_total(const struct curve *w, const struct tried *t)
 {
     double sum = 0;
@@ -141,7 +140,7 @@ static void response_judge(const struct curve *w, double least, struct advise_re
         was - is > least * fmax(was - w->noise, 0) && best != as_is && 4 * better >= 3 * w->views;
 }
 
-/* What is tried, and cameras without the gains that were found until `found` are put back. */
+/* List what is tried, and take the gains found out of the cameras.  The caller puts them back. */
 static void plan(struct curve *w, double absorbs, const struct advise_gain *g)
 {
     w->tried[w->n++] = (struct tried){.power = 1, .gains = g->on};
@@ -187,7 +186,7 @@ pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag 
     return e;
 }
 
-/* The pictures as light from now on. */
+/* Turn all pictures into light, for all that follows. */
 void advise_straighten(struct flame_sets *s, double power)
 {
     float top = s->floats ? INFINITY : REC_PHOTO_FULL;
