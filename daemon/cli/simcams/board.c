@@ -36,8 +36,8 @@ static void towards(const struct rec_rig *rig, size_t camera, const double at[3]
         out[i] = (c[i] - at[i]) / sqrt(n);
 }
 
-/* Somewhere in the middle three fifths of the volume, towards camera k / 2 or between it and the next one,
- * tilted and rolled as by a hand. */
+/* A random pose in the middle three fifths of the volume.  It faces camera k / 2 or the direction between it and the
+ * next one, and is tilted and rolled as by a hand. */
 static void anywhere(const struct rec_board *b, const struct rec_rig *rig, size_t k, uint64_t *rng,
                      double pose[6])
 {
@@ -49,7 +49,7 @@ static void anywhere(const struct rec_board *b, const struct rec_rig *rig, size_
     towards(rig, k / 2 % rig->n_cameras, at, face);
     towards(rig, (k / 2 + 1) % rig->n_cameras, at, next);
     for (int i = 0; i < 3 && k % 2 == 1; i++)
-        face[i] += next[i] + 1e-6 * i; /* opposite cameras: not 0 */
+        face[i] += next[i] + 1e-6 * i; /* not 0 for opposite cameras */
     for (int i = 0; i < 3; i++)
         tilt[i] = board_between(rng, -25, 25) * DEGREE;
     rec_rotation(tilt, T);
@@ -59,7 +59,7 @@ static void anywhere(const struct rec_board *b, const struct rec_rig *rig, size_
     board_keep(R, t, pose);
 }
 
-/* From a to b, both of which stand still. */
+/* A pose at this share of the way from pose a to pose b. */
 static void on_the_way(const double a[6], const double b[6], double share, double out[6])
 {
     double Ra[9], Rb[9], step[9], w[3], S[9], R[9];
@@ -137,11 +137,11 @@ pvx_err simcams_board_draw(const struct simcams_board *b, size_t image,
                                .across = 4};
     rec_rotation(b->pose[image], s.R);
     memcpy(s.t, b->pose[image] + 3, sizeof s.t);
-    if (image % SIMCAMS_OF_POSE >= SIMCAMS_STILLS) { /* not for measuring */
+    if (image % SIMCAMS_OF_POSE >= SIMCAMS_STILLS) { /* moving: need not be exact */
         s.across = 2;
         s.blur = 2;
     }
-    PVX_TRY(rec_board_shoot(&s, out)); /* then spread over the channels, from behind */
+    PVX_TRY(rec_board_shoot(&s, out)); /* then spread over the channels, backwards in place */
     for (size_t i = pixels; i-- > 0;)
         out[3 * i] = out[3 * i + 1] = out[3 * i + 2] = out[i];
     return PVX_OK;

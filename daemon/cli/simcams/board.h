@@ -1,12 +1,12 @@
-/* board.h - what simulated cameras see with --board: a calibration board that is shown to them.
+/* board.h - the calibration board that simulated cameras see with --board.
  *
- * Pose 0 lies flat on the volume's floor, its middle at x = y = 0 and its print up, as `calibrate` wants the
- * first picture.  The others are all through the volume: towards each camera in turn, and between
- * it and the next one.  A pose has SIMCAMS_STILLS pictures that differ by their noise alone, then
- * SIMCAMS_MOVES of the way to the next pose.  All is a function of rig, board, poses and seed.
+ * In pose 0 it lies flat on the volume's floor, with its middle at x = y = 0 and its print up, as `calibrate` wants
+ * the first picture.  The other poses are spread over the volume.  They face each camera in turn, and the direction
+ * between it and the next one.  A pose has SIMCAMS_STILLS pictures that differ only by their noise, then
+ * SIMCAMS_MOVES pictures of the way to the next pose.  Everything is a function of rig, board, poses and seed.
  *
- * Time: the board lies still until all cameras have sent a frame, then stands still for `hold_s` at every
- * pose (0: until it is told to go on), and moves on for SIMCAMS_MOVE_TICKS pictures. */
+ * Time: the board lies still until all cameras have sent a frame.  Then it stands still for `hold_s` at every pose
+ * (0: until simcams_board_go), and moves to the next one during SIMCAMS_MOVE_TICKS pictures. */
 #ifndef SIMCAMS_BOARD_H
 #define SIMCAMS_BOARD_H
 #include "base/err.h"
@@ -25,10 +25,10 @@ struct simcams_board {
     double hold_s;
     /* where it is now */
     size_t at;  /* pose */
-    int moving; /* pictures until it is there */
+    int moving; /* pictures until it arrives there */
     bool begun; /* all cameras have sent */
     uint64_t tick;
-    double since_s; /* it stands still */
+    double since_s; /* time since which it stands still */
 };
 
 /* Owner: caller, simcams_board_fini, after an error too.  Errors: the board's; PVX_ENOMEM; PVX_EUNSUP. */
@@ -37,14 +37,14 @@ PVX_MUST_CHECK pvx_err simcams_board_init(const char *spec, const struct rec_rig
                                           struct pvx_diag *d);
 /* How many cameras see the front of pose 0 by more than 20 degrees. */
 size_t simcams_board_floor(const struct simcams_board *b, const struct rec_rig *rig);
-/* Picture `image` of all as this camera sees it, without noise, in all three channels of out [h][w][3]. */
+/* Draw picture number `image` as this camera sees it, without noise, in all three channels of out [h][w][3]. */
 PVX_MUST_CHECK pvx_err simcams_board_draw(const struct simcams_board *b, size_t image,
                                           const struct rec_camera *cam, float *out);
 void simcams_board_fini(struct simcams_board *b);
 
-/* One tick, a picture's time: which picture is shown now.  all: every camera has sent a frame. */
+/* Advance by one tick, the time of a picture.  Returns the picture to show.  all: every camera has sent a frame. */
 size_t simcams_board_tick(struct simcams_board *b, double now_s, bool all);
-/* On to that pose (modulo n). */
+/* Move on to that pose (modulo n). */
 void simcams_board_go(struct simcams_board *b, size_t pose);
 
 #endif

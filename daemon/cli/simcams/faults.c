@@ -206,7 +206,7 @@ pvx_err simcams_at_line(const struct rec_rig *rig, const char *text, struct simc
     if (line == NULL || strlen(text) >= sizeof copy || strlen(line) >= SIMCAMS_LINE_MAX ||
         pvx_parse_double(copy, 0, 1e9, &at_s) != PVX_OK)
         return pvx_fail(d, PVX_EINVAL, "'%s' should be SECONDS:LINE; --help lists the lines", text);
-    static struct simcams_state scratch[REC_MAX_CAMERAS]; /* only to be refused now, not then */
+    static struct simcams_state scratch[REC_MAX_CAMERAS]; /* wrong lines are refused now */
     struct simcams_order order;
     PVX_TRY(simcams_control(rig, line, scratch, &order, d));
     return add_event(plan, at_s, line, d);

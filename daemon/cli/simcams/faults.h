@@ -1,4 +1,4 @@
-/* faults.h - lines that change simulated cameras: from the start, at a time, or by hand.
+/* faults.h - text lines that change simulated cameras: from the start, at a time, or typed by hand.
  *
  *   WORD CAMERA NUMBER|X:Y|on|off   each word of SIMCAMS_FAULTS, below; CAMERA may be "all"
  *   kill|revive CAMERA   ids CAMERA [NUMBER]   reboot CAMERA [SECONDS]
@@ -14,7 +14,7 @@
 
 struct simcams_state {
     struct cap_gvcam_fault fault;
-    bool alive; /* wanted: a killed camera can be revived */
+    bool alive; /* whether it should run: a killed camera can be revived */
 };
 
 /* Faults of a camera: the word, how many numbers follow (two: X:Y; none: on or off), their least and most, and
@@ -71,7 +71,7 @@ enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
     M(SIMCAMS_POSE, "pose", 2, 2, false, 0, 1e6)      \
     M(SIMCAMS_STATS, "stats", 1, 1, false, 0, 0)
 
-/* The action of a line that is no state. */
+/* An order: a line that starts an action instead of setting a state. */
 struct simcams_order {
     enum { SIMCAMS_NOTHING, SIMCAMS_ORDERS(SIMCAMS_NUMBER) } what;
     size_t lo, hi; /* cameras [lo,hi) */
@@ -82,7 +82,7 @@ struct simcams_order {
 #define SIMCAMS_LINE_MAX   96
 struct simcams_event {
     double at_s;
-    char line[SIMCAMS_LINE_MAX]; /* as by hand */
+    char line[SIMCAMS_LINE_MAX]; /* as if typed by hand */
 };
 struct simcams_plan {
     size_t n;
@@ -91,7 +91,7 @@ struct simcams_plan {
 
 /* A camera without faults. */
 struct simcams_state simcams_healthy(void);
-/* Apply a line before the cameras start: a state into state [rig->n_cameras], an order into the plan at 0 s.
+/* Apply a line before the cameras start.  A state goes into state [rig->n_cameras], an order into the plan at 0 s.
  * Errors: those of simcams_control; PVX_ERANGE: the plan is full. */
 PVX_MUST_CHECK pvx_err simcams_set_line(const struct rec_rig *rig, const char *line,
                                         struct simcams_state *state, struct simcams_plan *plan,
@@ -99,7 +99,7 @@ PVX_MUST_CHECK pvx_err simcams_set_line(const struct rec_rig *rig, const char *l
 /* Add "12.5:LINE" to the plan; the line is checked.  Errors as above. */
 PVX_MUST_CHECK pvx_err simcams_at_line(const struct rec_rig *rig, const char *text,
                                        struct simcams_plan *plan, struct pvx_diag *d);
-/* Carry one line into state and *order; an empty line does nothing.  Errors: PVX_EINVAL, PVX_ENOENT (camera). */
+/* Apply one line to state and *order.  An empty line does nothing.  Errors: PVX_EINVAL, PVX_ENOENT (camera). */
 PVX_MUST_CHECK pvx_err simcams_control(const struct rec_rig *rig, const char *line,
                                        struct simcams_state *state, struct simcams_order *order,
                                        struct pvx_diag *d);

@@ -236,7 +236,7 @@ static error_t simcams_parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_PTP_MS: a->ptp_ms = cli_arg_double(st, "ptp-ms", arg, 1, 1e6); return 0;
     case OPT_SET: keep_line(st, a->set, &a->n_set, arg); return 0;
     case OPT_AT: keep_line(st, a->at, &a->n_at, arg); return 0;
-    case ARGP_KEY_ARG: /* the command and all that follows is not ours to parse */
+    case ARGP_KEY_ARG: /* the command and all words after it are not parsed */
         a->command = &st->argv[st->next - 1];
         st->next = st->argc;
         return 0;

@@ -20,7 +20,7 @@ struct simcams_args {
     const char *set[SIMCAMS_MAX_OPTIONS], *at[SIMCAMS_MAX_OPTIONS];
 };
 
-/* Defaults, then what argv says; strings are argv's.  Ends the program where argp does (--help, wrong
- * usage: 2).  False: not to be used. */
+/* Set the defaults, then read argv.  Strings point into argv.  Like argp it ends the program on --help and wrong
+ * usage (2).  False: *a must not be used. */
 bool simcams_options(int argc, char **argv, struct simcams_args *a);
 #endif

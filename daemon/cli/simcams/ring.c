@@ -40,7 +40,7 @@ static float *noise_table(uint32_t seed)
 
 /* ---- images of scenes ------------------------------------------------------------------------- */
 
-/* (1); NaN cannot come in. */
+/* (1).  The input has no NaN. */
 static void quantise(const float *restrict v, const float *restrict noise,
                      const float *restrict sigma, size_t n, unsigned char *restrict out)
 {
@@ -51,7 +51,7 @@ static void quantise(const float *restrict v, const float *restrict noise,
     }
 }
 
-/* The samples of a row that the format has: picks [n]. */
+/* Copy the samples of a row that the format contains into picks [n]. */
 static size_t pick(const struct simcams_ring *r, const float *row, int32_t w, int32_t y,
                    float *picks)
 {
@@ -65,7 +65,7 @@ static size_t pick(const struct simcams_ring *r, const float *row, int32_t w, in
     return (size_t)n;
 }
 
-/* What each sample of an even and of an odd row has of noise. */
+/* Set the noise of each sample of an even and of an odd row. */
 static pvx_err noise_of_rows(struct simcams_ring *r, const double noise[3])
 {
     int32_t w = 0;
@@ -167,7 +167,7 @@ static void ring_render(void *ctx, size_t t)
         rec_flame_render(&j->pose, cam, j->p->sub, y0, y1, j->scratch[c]);
     else if (j->i % SIMCAMS_OF_POSE == 0 || j->i % SIMCAMS_OF_POSE >= SIMCAMS_STILLS)
         j->failed[c] = simcams_board_draw(j->p->board, j->i, cam, j->scratch[c]);
-    if (j->p->board != NULL) /* a band is all of it */
+    if (j->p->board != NULL) /* the band is the whole picture */
         y1 = cam->height;
     size_t first = (size_t)y0 * (size_t)cam->width;
     keep_rows(r, j->scratch[c] + 3 * first, (size_t)(y1 - y0) * (size_t)cam->width,

@@ -118,7 +118,7 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
     return simcams_ring_init(&s->rig, &p, cli_progress, &bar, &s->ring);
 }
 
-/* The ring on disk instead of on the network. */
+/* Write the ring to disk instead of serving it. */
 static int write_frames(const struct simcams *s)
 {
     struct pvx_diag d = {""};
@@ -181,7 +181,7 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* What camera c has counted, in all its lives. */
+/* Counts of camera c, including those before it was killed. */
 static struct cap_gvcam_stats stats_of(const struct simcams *s, size_t c)
 {
     struct cap_gvcam_stats sum = s->total[c], st = {0};
@@ -198,7 +198,7 @@ static void stop_camera(struct simcams *s, size_t c)
     cap_gvcam_free(&s->cam[c]);
 }
 
-/* Make the cameras what the state says. */
+/* Apply the state to the cameras. */
 static void apply(struct simcams *s)
 {
     for (size_t c = 0; c < s->rig.n_cameras; c++) {
