@@ -69,8 +69,8 @@ enum cap_layout {
     CAP_LAYOUT_F32
 };
 
-/* What the samples of a gamma-coded image mean, bits; 0 is what UVC cameras send: BT.601, limited
- * range for YUV, the transfer function of sRGB (transfer.h). */
+/* How the samples of a gamma-coded image are coded: bits.  UVC cameras send 0: BT.601, limited range for YUV,
+ * the transfer function of sRGB (transfer.h). */
 enum cap_yuv {
     CAP_YUV_601 = 0,
     CAP_YUV_709 = 1,          /* matrix of BT.709 */
@@ -81,7 +81,7 @@ enum cap_yuv {
 
 struct cap_image {
     const void *data; /* borrowed */
-    size_t size;      /* bytes that are really there */
+    size_t size;      /* bytes present */
     int32_t width, height;
     ptrdiff_t stride; /* bytes from row to row */
     enum cap_pixfmt fmt;
@@ -89,23 +89,23 @@ struct cap_image {
 };
 
 const char *cap_pixfmt_name(enum cap_pixfmt f); /* "Mono8" "RGB8" "BayerRG12p" "JPEG" ... */
-/* CAP_FMT_NONE when unknown.  Also "YUYV" "UYVY" "GREY" "MJPG", as V4L2 calls them. */
+/* CAP_FMT_NONE when unknown.  Also accepts V4L2's names "YUYV" "UYVY" "GREY" "MJPG". */
 enum cap_pixfmt cap_pixfmt_parse(const char *name);
 #define CAP_PIXFMT_NAMES_MAX 600
-/* All names in one line, those of Bayer formats once for their four orders; returns its length. */
+/* All names in one line.  A Bayer format appears once for its four orders.  Returns the length. */
 size_t cap_pixfmt_names(char *out, size_t size);
-uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f); /* GenICam's 32-bit code; 0 = has none */
+uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f); /* GenICam's 32-bit code; 0 = none */
 enum cap_pixfmt cap_pixfmt_from_pfnc(uint32_t code);
 int cap_pixfmt_depth(enum cap_pixfmt f);    /* bits per sample: 8 10 12 14 16 32; 0 = NONE */
 int cap_pixfmt_channels(enum cap_pixfmt f); /* 1 or 3: channels of the scene (Bayer: 3) */
 enum cap_layout cap_pixfmt_layout(enum cap_pixfmt f);
 /* Colour (0 R, 1 G, 2 B) of each pixel of a Bayer format's 2x2 cell, row by row; else NULL. */
 const uint8_t *cap_pixfmt_bayer(enum cap_pixfmt f);
-/* Whether an image whose file says `have` can be taken for `want`: a recorded sensor image is grey in its
- * file, which knows neither the filter nor how many of 16 bits are used. */
+/* Whether an image of format `have` (by its file) can be read as format `want`.  A recorded sensor image is grey
+ * in its file.  The file records neither the Bayer filter nor how many of 16 bits are used. */
 bool cap_pixfmt_fits(enum cap_pixfmt have, enum cap_pixfmt want);
 /* Bytes of a row of `width` pixels without padding; 0 for NONE and JPEG. */
 size_t cap_pixfmt_row(enum cap_pixfmt f, int32_t width);
-/* Bytes that an image may take: its rows; JPEG: 3 bytes per pixel and 4 KiB. */
+/* Largest size of an image in bytes: its rows.  JPEG: 3 bytes per pixel plus 4 KiB. */
 size_t cap_pixfmt_image(enum cap_pixfmt f, int32_t width, int32_t height);
 #endif

@@ -7,12 +7,12 @@
 
 #include "base/mem.h"
 
-#define LEFT_OVER 16 /* bytes before the end of image that are not called damage */
+#define LEFT_OVER 16 /* extra bytes before the end of image that do not count as damage */
 
 struct cap_jpeg {
     tjhandle tj;
     int32_t width, height;
-    int last_kind; /* SOFn that is decoded */
+    int last_kind; /* largest n of SOFn that is decoded */
     unsigned char *pixels;
     size_t bytes;
 };
@@ -51,7 +51,7 @@ void cap_jpeg_free(cap_jpeg **jp)
     PVX_FREE(*jp);
 }
 
-/* What the frame header says. */
+/* The fields of a frame header. */
 struct header {
     int kind; /* marker SOFn: n */
     int depth, height, width, components;
@@ -126,7 +126,7 @@ void cap_jpeg_progressive(cap_jpeg *j)
     j->last_kind = 2;
 }
 
-/* The library's first warning was about a few bytes too many at the very end. */
+/* Whether the library's first warning was only about a few extra bytes at the very end. */
 static bool harmless(tjhandle tj)
 {
     unsigned n, marker;
@@ -144,8 +144,8 @@ pvx_err cap_jpeg_decode(cap_jpeg *j, const struct cap_image *in, struct cap_imag
     PVX_TRY(check_header(j, &h, d));
     bool grey = h.components == 1;
     int row = j->width * (grey ? 1 : 3);
-    /* Not tjDecompressHeader3: in 2.1.5 a decoder stays broken after a bad header.  The library refuses
-     * a second frame header, so the size is the one above. */
+    /* Do not use tjDecompressHeader3: in 2.1.5 a decoder stays broken after a bad header.  The library refuses
+     * a second frame header, so the size is the one read above. */
     if (tjDecompress2(j->tj, in->data, in->size, j->pixels, j->width, row, j->height,
                       grey ? TJPF_GRAY : TJPF_RGB, TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS) != 0 &&
         !harmless(j->tj))

@@ -18,15 +18,15 @@
 
 typedef struct cap_jpeg cap_jpeg;
 
-/* For pictures of this size; PVX_EINVAL, PVX_ENOMEM.  Address space for 3 bytes per pixel, which costs
- * memory from the first picture on. */
+/* For pictures of this size.  Errors: PVX_EINVAL, PVX_ENOMEM.  Reserves address space for 3 bytes per pixel, which
+ * takes memory from the first picture on. */
 PVX_MUST_CHECK pvx_err cap_jpeg_new(int32_t width, int32_t height, cap_jpeg **out);
 void cap_jpeg_free(cap_jpeg **j);
 
-/* From now on progressive pictures too, which files may be and cameras do not send: of at most 500 scans. */
+/* From now on also decode progressive pictures of at most 500 scans.  Files may have them, cameras do not send them. */
 void cap_jpeg_progressive(cap_jpeg *j);
 
-/* What the frame header says, whatever its kind.  PVX_EFORMAT, PVX_ECORRUPT. */
+/* Width and height from the frame header, of any kind of JPEG.  Errors: PVX_EFORMAT, PVX_ECORRUPT. */
 PVX_MUST_CHECK pvx_err cap_jpeg_size(const void *bytes, size_t n, uint32_t *width, uint32_t *height,
                                      struct pvx_diag *d);
 

@@ -5,7 +5,7 @@
 #include "base/mem.h"
 #include "capture/pixel/pixfmt_priv.h"
 
-/* What a sample below full scale may have as light, so that a mean of such samples is below 1. */
+/* Largest light of a sample below full scale, so that a mean of such samples stays below 1. */
 #define LIGHT_BELOW (CAP_LIGHT_ONE - 16)
 
 double cap_response(const double *response, int n, double s)
@@ -44,7 +44,7 @@ static pvx_err tables(struct cap_maps *m, const struct cap_photometry *c, struct
     return PVX_OK;
 }
 
-/* ---- pixels that say nothing ---- */
+/* ---- masked pixels ---- */
 
 static bool says_nothing(const struct cap_photometry *c, size_t pixel)
 {
@@ -57,11 +57,11 @@ static bool says_nothing(const struct cap_photometry *c, size_t pixel)
     return bad;
 }
 
-/* How many of the pixels that count in a bin are masked. */
+/* Whether none, some or all of the pixels that count in a bin are masked. */
 enum masked { NONE, SOME, ALL };
 static enum masked masked_of(const struct cap_maps *m, int32_t X, int32_t Y)
 {
-    int b = m->p.binning, more = m->cell != NULL; /* a filter's neighbours count too */
+    int b = m->p.binning, more = m->cell != NULL; /* Bayer: neighbour pixels count too */
     bool any = false, all = true;
     for (int32_t y = Y * b - more; y < (Y + 1) * b + more; y++)
         for (int32_t x = X * b - more; x < (X + 1) * b + more; x++)
@@ -105,7 +105,7 @@ static pvx_err maps_mask(struct cap_maps *m, const struct cap_photometry *c)
 
 /* ---- maps of bins ---- */
 
-/* The mean of a map in each bin, by the same samples and weights as those of pictures; or `flat` ones. */
+/* The mean of a map in each bin, with the same samples and weights as for pictures.  Without a map: `none`. */
 static void maps_bins_of(const struct cap_maps *m, const float *map, float none,
                          const struct cap_image *img, float *out)
 {
@@ -134,14 +134,14 @@ static size_t planes_of(const struct cap_maps *m)
     return m->p.nch == 3 && !rays ? 3 : 1;
 }
 
-/* Which of the three channels bin i of plane c is. */
+/* Channel (0 to 2) of bin i of plane c. */
 static size_t channel_of(const struct cap_maps *m, size_t i, size_t c)
 {
     size_t w = (size_t)m->width;
     return m->p.nch == 1 || planes_of(m) == 3 ? c : m->cell[i / w % 2 * 2 + i % w % 2];
 }
 
-/* Where in [bins][cs] of dark and flat the value of a bin is; SIZE_MAX: there is nothing. */
+/* Index of a bin's value in dark and flat [bins][cs]; SIZE_MAX: the bin has no finite value. */
 static size_t maps_place(const struct cap_maps *m, size_t i, size_t c, const float *dark,
                          const float *flat)
 {
@@ -156,8 +156,8 @@ static double as_float(uint32_t word)
     return (double)f;
 }
 
-/* The word whose least bits are `factor` and which as a float is nearest to dark.  Not below the least
- * normal number: arithmetic with those may be slow. */
+/* The word whose least bits are `factor` and which, read as a float, is nearest to dark.  It is never subnormal,
+ * because arithmetic with subnormal numbers may be slow. */
 static uint32_t word_of(double dark, uint32_t factor)
 {
     const uint32_t least = 0x00800000 | factor;
@@ -174,7 +174,7 @@ static uint32_t word_of(double dark, uint32_t factor)
     return dark < 0 ? word | 0x80000000 : word;
 }
 
-/* dark and flat [bins][cs] to words, and what no value reaches; a bin where there is nothing: 0. */
+/* dark and flat [bins][cs] to words (a bin without a value: 0), and `saturated`, a value above all others. */
 static void maps_words(struct cap_maps *m, const float *dark, const float *flat,
                        const float gain[3])
 {
@@ -205,7 +205,7 @@ static void maps_words(struct cap_maps *m, const float *dark, const float *flat,
     m->saturated = (float)(2 * fmax(1, (1 + most_dark) * most * sum));
 }
 
-/* Space at the end: the widest vectors read it. */
+/* Words beyond the end that the widest vectors may read. */
 #define SLACK 16
 
 static pvx_err bin_maps(struct cap_maps *m, const struct cap_photometry *c,

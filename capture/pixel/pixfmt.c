@@ -95,8 +95,8 @@ void cap_pix_kernels_init(struct cap_pix_kernels *k, enum pvx_cpu most)
 #endif
 }
 
-/* Bins that a masked pixel would count in, once more.  What a blank one is hangs on nothing but its place in a filter's
- * cell: it is worked out once. */
+/* Compute again, by the reference, the bins in which a masked pixel would count.  A blank bin's value (CAP_BLANK)
+ * depends only on its place in the filter's cell, so it is computed once for each place and then copied. */
 static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     const struct cap_maps *m = j->maps;
@@ -104,7 +104,7 @@ static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
     const size_t cs = j->nch == 3 ? 4 : 1;
     const float *blank[4] = {NULL};
     size_t lo = 0, hi = m->n_patches;
-    while (lo < hi) { /* the first from row y0 on */
+    while (lo < hi) { /* find the first patch from row y0 on */
         size_t mid = (lo + hi) / 2;
         if ((m->patch[mid] & ~CAP_BLANK) < (uint32_t)y0 * bw)
             lo = mid + 1;

@@ -16,8 +16,8 @@ struct planes {
     uint16_t top[3][BAYER_ROOM];
 };
 
-/* The row's own colour, green and the far colour at its pixels: green ones are the odd places, or
- * (green_first) the even ones.  Rows by name and restrict, or the loops would not be vectorised.
+/* The row's own colour, green and the far colour at each pixel.  Green pixels are the odd places, or
+ * (green_first) the even ones.  Separate restrict arguments for the rows let the compiler vectorise the loops.
  * NOLINTNEXTLINE(readability-function-size) */
 CAP_PIX_INLINE void mix(const struct cap_pix_line *restrict up,
                         const struct cap_pix_line *restrict mid,
@@ -87,7 +87,7 @@ static void demosaic(const struct cap_pix *j, int32_t x, int32_t n, int32_t y0, 
 }
 
 #if defined(__AVX2__)
-/* As many of n values as come in eights, each in lane `first` or, at odd places, `second`. */
+/* As many of n values as fit in groups of eight; returns how many.  Even places go to lane first, odd to second. */
 static int32_t rays_by_eight(const float *light, int32_t n, int first, int second, float *out)
 {
     const __m256i places = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1);

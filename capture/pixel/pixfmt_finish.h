@@ -7,14 +7,14 @@
 #include <immintrin.h>
 #endif
 
-/* Sums of light, < 2^31, and the greatest raw sample in each, per channel; of a grey image the first.
- * Those at even and odd places may have scales of their own. */
+/* Sums of light, < 2^31, and the greatest raw sample in each, per channel; a grey image uses the first.
+ * Even and odd places may have different scales. */
 struct cap_pix_bins {
     const uint32_t *sum[3];
     const uint16_t *top[3];
     float scale[3][2];
 };
-/* What the maps have for a piece: NULL where there are none, and then `full` is 1. */
+/* The maps' part for a piece.  Without maps: NULL, and `full` is 1. */
 struct piece {
     const uint32_t *word[3];
     float full;
@@ -44,7 +44,7 @@ CAP_PIX_INLINE void grey(const struct cap_pix_bins *v, int32_t full, const struc
     }
 }
 
-/* Three channels to their mean; the scale is that of the place's parity (two = false: there is one). */
+/* Three channels to their mean.  Even and odd places have their own scale (two = false: one scale for both). */
 CAP_PIX_INLINE void mean(const struct cap_pix_bins *v, int32_t full, bool two,
                          const struct piece *p, bool mapped, int32_t n, float *restrict out)
 {
@@ -64,8 +64,8 @@ CAP_PIX_INLINE void mean(const struct cap_pix_bins *v, int32_t full, bool two,
     }
 }
 
-/* The three rows of the matrix times r, g, b: vectors of any width.  What is full in one channel is so in
- * all of them. */
+/* One row of the matrix times r, g, b, which may be vectors of any width.  A place that is saturated in one channel
+ * becomes saturated in all three (coloured_eight, coloured_four). */
 #define MATRIX_ROW(a, r, g, b) ((a)[0] * (r) + (a)[1] * (g) + (a)[2] * (b))
 
 #if defined(__AVX2__)
@@ -111,7 +111,7 @@ CAP_PIX_INLINE void put_eight(__m256 r, __m256 g, __m256 b, float *out)
     _mm256_storeu_ps(out + 24, _mm256_permute2f128_ps(p2, p3, 0x31));
 }
 
-/* As many as come in eights. */
+/* As many as fit in groups of eight; returns how many. */
 CAP_PIX_INLINE int32_t lanes_by_eight(const struct cap_pix_bins *v, unsigned full,
                                       const struct piece *p, bool mapped, bool coloured, int32_t n,
                                       float *out)
@@ -227,13 +227,13 @@ static void pixel_one(const struct cap_pix_bins *v, bool is_grey, int32_t full,
         grey(v, full, p, false, n, out);
     else if (mapped)
         mean(v, full, true, p, true, n, out);
-    else if (v->scale[1][0] != v->scale[1][1]) /* where any channel's are two, green's are */
+    else if (v->scale[1][0] != v->scale[1][1]) /* if any channel has two scales, green has */
         mean(v, full, true, p, false, n, out);
     else
         mean(v, full, false, p, false, n, out);
 }
 
-/* n of them to floats as cap_convert gives them. */
+/* n bins to floats, in the layout of cap_convert. */
 static void pix_finish(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
 {
     struct piece p = {.full = 1};
@@ -266,7 +266,7 @@ CAP_PIX_INLINE void mapped_lane(cap_f4 word, const float *matrix, float unit, fl
         (*px)[k] = MATRIX_ROW(matrix + 3 * k, v[0], v[1], v[2]);
 }
 
-/* Floats in lanes. */
+/* Maps for float images in lanes R G B 0. */
 CAP_PIX_INLINE void mapped_lanes(const struct piece *p, const float *matrix, float unit, size_t n,
                                  float *out)
 {

@@ -1,5 +1,5 @@
-/* pixfmt_float.c - linear floats: at binning 1 copied, but that what is not finite becomes NaN; else summed as
- * doubles, in the order of the rows, which is also the reference's. */
+/* pixfmt_float.c - linear floats.  At binning 1 they are copied, and values that are not finite become NaN.
+ * Otherwise they are summed as doubles in row order, like the reference. */
 #include <string.h>
 
 #include "capture/pixel/pixfmt_priv.h"
@@ -30,7 +30,7 @@ static void copied(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
     }
 }
 
-/* Mean of the finite samples of one channel; p is the bin's first one. */
+/* Mean of the finite samples of one channel; p is the bin's first sample. */
 CAP_PIX_INLINE float mean(const struct cap_pix *j, const char *p, int b, int samples)
 {
     double sum = 0;

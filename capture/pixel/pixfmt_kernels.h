@@ -1,8 +1,9 @@
 /* pixfmt_kernels.h - the kernels of one instruction set; pixfmt_base.c and pixfmt_avx2.c include it.
  *
- * Most of them are plain loops that the compiler turns into vectors as wide as the including file may use.
- * What it would not is written out under __AVX2__.  Planes - one per channel, a Bayer image one in all - are
- * worked on a piece of a row at a time, which stays in the first-level cache with the table. */
+ * Most of them are plain loops.  The compiler vectorises them as wide as the including file's target allows.
+ * Loops that it would not vectorise are written out under __AVX2__.  There is one plane per channel; a Bayer image
+ * has one plane in all.  Planes are processed a piece of a row at a time, which fits the first-level cache with
+ * the table. */
 #ifndef CAP_PIXFMT_KERNELS_H
 #define CAP_PIXFMT_KERNELS_H
 #include "capture/pixel/pixfmt_bayer.h"

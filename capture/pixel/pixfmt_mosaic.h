@@ -1,18 +1,17 @@
 /* pixfmt_mosaic.h - Bayer images binned, binning b >= 2.
  *
- * Green: the bin's own samples, whose centre of gravity is the bin's, or nearly.  Red's and blue's would be
- * half a pixel off, so each of their samples counts as far as the 2x2 pixels that it stands for lie in the
- * bin: along each axis, in half pixels, 4 inside, 3 for the sample at an edge of the bin and 1 for the one
- * just beyond an edge,
+ * Green: the bin's own samples, whose centre of gravity is the bin's, or nearly.  Red and blue would be half a
+ * pixel off, so each of their samples counts as far as the 2x2 pixels that it stands for lie in the bin.  Its
+ * weight along each axis, in half pixels: 4 inside, 3 at an edge of the bin, 1 just beyond an edge.  So
  *     weighted sum = 4 (sum of the bin's own) - those at the edges + those beyond                   (1)
- * with weights (2b)^2 in all; at each edge one of the two is of the colour.  Down the rows first, for all
- * columns, then across. */
+ * and all weights together are (2b)^2.  At each edge, one of the two (at, beyond) has the colour.  The sums go down
+ * the rows first, for all columns, then across. */
 #ifndef CAP_PIXFMT_MOSAIC_H
 #define CAP_PIXFMT_MOSAIC_H
 #include "capture/pixel/pixfmt_finish.h"
 #include "capture/pixel/pixfmt_unpack.h"
 
-/* Sums down the rows of one parity and greatest samples: own rows of the bin, and (1). */
+/* Sums down the rows of one parity, and greatest samples: of the bin's own rows, and (1) in sum1, top1. */
 struct columns {
     uint32_t sum[CAP_PIX_PIECE + 2], sum1[CAP_PIX_PIECE + 2];
     uint16_t top[CAP_PIX_PIECE + 2], top1[CAP_PIX_PIECE + 2];
@@ -31,7 +30,7 @@ static void add_line(const struct cap_pix_line *restrict l, int32_t n, struct co
         c->top[i] = cap_pix_greater(c->top[i], l->top[i]);
 }
 
-/* Add, or take as the first one. */
+/* Add the line to c, or (first) set c to it. */
 static void own(const struct cap_pix_line *restrict l, int32_t n, bool first,
                 struct columns *restrict c)
 {
@@ -43,7 +42,7 @@ static void own(const struct cap_pix_line *restrict l, int32_t n, bool first,
     }
 }
 
-/* (1) down the rows: at each edge a row is the bin's own or (beyond) not. */
+/* (1) down the rows.  The row at each edge is the bin's own, or (beyond_lo, beyond_hi) the one just beyond it. */
 static void pixel_weigh(const struct cap_pix_line *restrict lo, bool beyond_lo,
                         const struct cap_pix_line *restrict hi, bool beyond_hi, int32_t n,
                         struct columns *restrict c)
@@ -55,13 +54,13 @@ static void pixel_weigh(const struct cap_pix_line *restrict lo, bool beyond_lo,
         c->top1[i] = cap_pix_greater(c->top[i], cap_pix_greater(lo->top[i], hi->top[i]));
 }
 
-/* A row of bins and the rows at its edges: the last one of the bins above, its own first and last, the first
- * one of those below. */
+/* Pixel rows at the edges of a row of bins: the last row of the bins above, the bins' own first and last row, the
+ * first row of the bins below. */
 struct edges {
     struct cap_pix_line *above, *first, *last, *below;
 };
 
-/* Sums down the rows of bins Y, of even rows and of odd ones. */
+/* Sums down the rows of bins Y: even rows in c[0], odd rows in c[1]. */
 static void pixel_down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
                        const struct edges *e, struct columns c[2])
 {
@@ -78,14 +77,13 @@ static void pixel_down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
                     n + 2, &c[k]);
 }
 
-/* (1) along the row for red or blue, every step-th bin from `first` on; the colour's columns are those of
- * parity p in these bins.  b, p and step are constants where it is inlined.
+/* (1) along the row for red or blue, every step-th bin from `first` on.  In these bins the colour has the columns
+ * of parity p.  b, p and step are constants after inlining.
  * NOLINTNEXTLINE(readability-function-size) */
 CAP_PIX_INLINE void some(const struct columns *c, int b, int p, int32_t first, int32_t step,
                          int32_t bins, uint32_t *restrict sum, uint16_t *restrict top)
 {
-    const int last =
-        (b - 1 - p) & 1; /* at the right edge the bin's own column, or (1) the one beyond */
+    const int last = (b - 1 - p) & 1; /* right edge: 0 = the bin's own column, 1 = the one beyond */
     for (int32_t X = first; X < bins; X += step) {
         const uint32_t *v = c->sum1 + 1 + (ptrdiff_t)X * b;
         uint32_t s = 0;
@@ -103,7 +101,7 @@ CAP_PIX_INLINE void some(const struct columns *c, int b, int p, int32_t first, i
     }
 }
 
-/* Green: in these bins the columns of parity p of one row and of 1-p of the other.  As above.
+/* Green, otherwise as `some`: in these bins the columns of parity p of rows c0, and of parity 1-p of rows c1.
  * NOLINTNEXTLINE(readability-function-size) */
 CAP_PIX_INLINE void some_green(const struct columns *c0, const struct columns *c1, int b, int p,
                                int32_t first, int32_t step, int32_t bins, uint32_t *restrict sum,
@@ -129,7 +127,7 @@ CAP_PIX_INLINE void some_green(const struct columns *c0, const struct columns *c
     }
 }
 
-/* All bins; with b odd the parities change from bin to bin. */
+/* All bins.  With odd b the parity alternates from bin to bin. */
 CAP_PIX_INLINE void across_one(const struct columns *c, int b, int q, int32_t bins, uint32_t *sum,
                                uint16_t *top)
 {
@@ -155,7 +153,7 @@ CAP_PIX_INLINE void across_green(const struct columns *c0, const struct columns 
 CAP_PIX_INLINE void across(const struct cap_pix *j, const struct columns c[2], int b, int32_t bins,
                            struct bins *out)
 {
-    /* where the rows' own colours are; a green pixel comes first in the other case */
+    /* colours of the 2x2 cell; at[0] != 1: the cell starts with the row's own colour, else with green */
     const uint8_t *at = j->cell;
     if (at[0] != 1) {
         across_one(&c[0], b, 0, bins, out->sum[at[0]], out->top[at[0]]);
@@ -168,7 +166,7 @@ CAP_PIX_INLINE void across(const struct cap_pix *j, const struct columns c[2], i
     }
 }
 
-/* Bins of row Y, the first one's number even. */
+/* Bins of row Y; the number of the first bin is even. */
 static void pixel_put(const struct cap_pix *j, int32_t Y, const struct bins *v, int32_t bins,
                       float *out)
 {
@@ -180,7 +178,7 @@ static void pixel_put(const struct cap_pix *j, int32_t Y, const struct bins *v, 
         {{own, own}, {0}, {own, own}},
     };
     for (int k = 0; k < 2;
-         k++) { /* of an odd number of pixels one more if the first one is green */
+         k++) { /* with odd b, a bin has one more green pixel if its first pixel is green */
         const bool green = ((Y + k) % 2 == 0) == (j->cell[0] == 1);
         p.scale[1][k] = cap_pix_scale(j, (b * b + (b % 2 != 0 && green)) / 2);
     }
@@ -220,7 +218,7 @@ static void pix_mosaic(const struct cap_pix *j, int32_t y0, int32_t y1, float *o
         cap_pix_fetch(j, y0 * b, x, n, e.below);
         cap_pix_fetch(j, y0 * b - 1, x, n, e.last);
         for (int32_t Y = y0; Y < y1;
-             Y++) { /* these two rows have been fetched for the bins before */
+             Y++) { /* the two rows at the upper edge were fetched for the bins above */
             e = (struct edges){e.last, e.below, e.above, e.first};
             cap_pix_fetch(j, (Y + 1) * b, x, n, e.below);
             cap_pix_fetch(j, (Y + 1) * b - 1, x, n, e.last);

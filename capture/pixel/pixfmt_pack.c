@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-/* `value` into `depth` bits from bit `at` on, least significant first; they are 0. */
+/* `value` into `depth` bits from bit `at` on, least significant first.  These bits must be 0 before. */
 static void put_bits(uint8_t *p, size_t at, int depth, unsigned value)
 {
     for (int i = 0; i < depth; i++, at++)
@@ -37,7 +37,7 @@ static void put_sample(enum cap_pixfmt f, uint8_t *row, size_t i, unsigned v)
     }
 }
 
-/* Two pixels (the second may be the first again) to Y0, Y1, Cb, Cr. */
+/* Two pixels (both pointers may be the same pixel) to Y0, Y1, Cb, Cr. */
 static void pair(const uint16_t *a, const uint16_t *b, uint8_t out[4])
 {
     double y[2], cb = 0, cr = 0;

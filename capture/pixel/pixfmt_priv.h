@@ -1,7 +1,7 @@
-/* pixfmt_priv.h - what the files of cap_convert share: its checked arguments and the ways to do it.
+/* pixfmt_priv.h - shared by the files of cap_convert: its checked arguments and its implementations.
  *
- * cap_pix_ref can do everything, sample by sample, and is the specification; the others are fast,
- * give the same bits (tests/check/test_pixels.c) and do what their comments say. */
+ * cap_pix_ref handles every case, sample by sample, and is the specification.  The others are fast, handle the cases
+ * that their comments name, and give the same bits (tests/check/test_pixels.c). */
 #ifndef CAP_PIXFMT_PRIV_H
 #define CAP_PIXFMT_PRIV_H
 #include <math.h>
@@ -15,8 +15,8 @@
 typedef float cap_f4 __attribute__((vector_size(16), aligned(4), may_alias));
 typedef int32_t cap_i4 __attribute__((vector_size(16), aligned(4), may_alias));
 
-/* Equation (2) in steps of 1/4095, in lanes R' G' B' -:  y Y + cb Cb + cr Cr + at0, cut to an integer (at0
- * has the half).  In floats: off by less than 0.001 of a step. */
+/* Equation (2) of pixfmt.h in steps of 1/4095, in lanes R' G' B' -:  y Y + cb Cb + cr Cr + at0, truncated to an
+ * integer (at0 includes the half for rounding).  Error of the float arithmetic: less than 0.001 of a step. */
 struct cap_yuv_coef {
     cap_f4 y, cb, cr, at0;
 };
@@ -27,15 +27,15 @@ struct cap_pix {
     bool rays;             /* Bayer pixels as they are */
     const uint8_t *cell;   /* Bayer's 2x2 colours, else NULL */
     int samples;           /* per pixel: 1 or 3 */
-    bool grey, swapped;    /* one channel; blue comes first */
+    bool grey, swapped;    /* one channel; BGR order */
     unsigned full;         /* of a raw sample; 0 = float */
     const uint32_t *table; /* light of a raw sample; NULL = linear */
-    float scale_full;      /* what a saturated sample would add: full or CAP_LIGHT_ONE */
+    float scale_full;      /* full scale of the values that are summed: full or CAP_LIGHT_ONE */
     float unit;            /* of the maps, or 1 */
     struct cap_yuv_coef yuv;
     const struct cap_maps *maps; /* or NULL */
-    const float *base;           /* out, whose places are the maps' */
-    const float *plane; /* instead of samples: [height][width][samples], NaN left out (maps.c) */
+    const float *base;           /* start of out: a bin's place in it is its place in the maps */
+    const float *plane; /* replaces the samples: [height][width][samples], NaN left out (maps.c) */
 };
 
 /* Maps of bins as (1) of maps.h needs them. */
@@ -45,15 +45,15 @@ struct cap_maps {
     const uint8_t *cell;
     int samples;
     float unit;     /* of factors, and of dark and light while they are subtracted */
-    uint32_t *word; /* [1 or 3][plane], see cap_pix_map; 3 where out has channels, but 1 of rays */
-    size_t plane;   /* bins, and some that may be read beyond them */
+    uint32_t *word; /* [1 or 3][plane], see cap_pix_map; 3 with nch = 3, except 1 for rays */
+    size_t plane;   /* bins, plus slack that may be read beyond them */
     float matrix[9];
     bool has_matrix;
     float saturated;
     uint32_t *table[17]; /* by bits; NULL = no response */
     uint8_t *mask;       /* a bit for each raw pixel; NULL = all are good */
     size_t n_masked, n_patches;
-    /* [n_patches] ascending: bins that a masked pixel would count in; CAP_BLANK: where no other would */
+    /* [n_patches] ascending: bins in which a masked pixel would count; CAP_BLANK: no other pixel counts */
     uint32_t *patch;
 };
 #define CAP_BLANK 0x80000000u
@@ -65,7 +65,7 @@ CAP_PIX_INLINE bool cap_pix_masked(const struct cap_maps *m, int32_t x, int32_t 
 
 /* ---- shared arithmetic ---- */
 
-/* What a pair's chroma gives both of its pixels, and one of them. */
+/* The part of a YUV pair's chroma that both pixels share; then one pixel's R'G'B'. */
 CAP_PIX_INLINE cap_f4 cap_pix_chroma(const struct cap_yuv_coef *k, int cb, int cr)
 {
     return k->at0 + (k->cb * (float)cb + k->cr * (float)cr);
@@ -80,14 +80,14 @@ CAP_PIX_INLINE cap_i4 cap_pix_yuv(const struct cap_yuv_coef *k, int luma, cap_f4
     return __builtin_convertvector(v, cap_i4);
 }
 
-/* (1 / (count full)) of equation (1); with maps in their unit. */
+/* 1 / (count full) of equation (1) of pixfmt.h; with maps in the maps' unit. */
 CAP_PIX_INLINE float cap_pix_scale(const struct cap_pix *j, int count)
 {
     return 1.0f / ((float)count * j->scale_full) * j->unit;
 }
 
-/* (1) of maps.h, v in the maps' unit.  A word's least bits are g / flat in steps of that unit; the word as a
- * float is dark: the other bits are chosen so that it is nearest.  4 bytes a place, 4 operations. */
+/* (1) of maps.h, v in the maps' unit.  A word's least bits are g / flat in steps of that unit.  The whole word read
+ * as a float is dark: its other bits are chosen so that this is nearest.  4 bytes and 4 operations a place. */
 #define CAP_MAP_FACTOR_BITS 13
 #define CAP_MAP_FACTOR      ((1u << CAP_MAP_FACTOR_BITS) - 1)
 CAP_PIX_INLINE float cap_pix_map(float v, uint32_t word)
@@ -97,7 +97,7 @@ CAP_PIX_INLINE float cap_pix_map(float v, uint32_t word)
     return (v - dark) * (float)(int32_t)(word & CAP_MAP_FACTOR);
 }
 
-/* v, or `top` if it is full; without a branch, which would keep a loop from becoming one of vectors. */
+/* v, or `top` if full.  Has no branch, because a branch would prevent vectorisation of the loop. */
 CAP_PIX_INLINE float cap_pix_or(float v, bool full, float top)
 {
     const int32_t mask = -(int32_t)full;
@@ -133,35 +133,35 @@ CAP_PIX_INLINE void cap_pix_put(float *out, const float rgb[3], const bool satur
     }
 }
 
-/* ---- ways ---- */
+/* ---- implementations ---- */
 
 /* Fills *j; the errors of cap_convert. */
 PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
                                      const struct cap_convert_params *p, int32_t y0, int32_t y1,
                                      struct cap_pix *j);
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* One bin of it, to its place in out. */
+/* One bin, by the same code, written to its place in out. */
 void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out);
-/* Floats. */
+/* Float images. */
 void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* One raw sample of an integer format, bit by bit from the format's definition. */
 unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
 
 typedef void (*cap_pix_kernel)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* Filled with the reference; an instruction set's file overwrites its slots. */
+/* Filled with the reference first; the file of an instruction set then overwrites the slots that it implements. */
 struct cap_pix_kernels {
-    cap_pix_kernel sums;   /* integer samples but for Bayer; binning to 32 */
+    cap_pix_kernel sums;   /* integer samples except Bayer; binning up to 32 */
     cap_pix_kernel bayer;  /* integer Bayer, binning 1: bilinear, or rays */
-    cap_pix_kernel mosaic; /* integer Bayer, binning 2 to 32, with a table to 16 */
+    cap_pix_kernel mosaic; /* integer Bayer, binning 2 to 32 (with a table: to 16) */
     cap_pix_kernel floats;
 };
-/* The table for pvx_cpu(), and no more than `most`. */
+/* The kernels for pvx_cpu(), but no better instruction set than `most`. */
 void cap_pix_kernels_init(struct cap_pix_kernels *k, enum pvx_cpu most);
 void cap_pix_kernels_base(struct cap_pix_kernels *k); /* any processor */
 #if defined(__x86_64__)
 void cap_pix_kernels_avx2(struct cap_pix_kernels *k);
 #endif
-/* The kernel for *j, or the reference where none can do it. */
+/* Runs the kernel for *j, or the reference if no kernel can do it. */
 void cap_pix_run(const struct cap_pix_kernels *k, const struct cap_pix *j, int32_t y0, int32_t y1,
                  float *out);
 #endif

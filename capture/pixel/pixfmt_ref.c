@@ -1,4 +1,4 @@
-/* pixfmt_ref.c - cap_convert the readable way: any format, any binning, sample by sample. */
+/* pixfmt_ref.c - the readable implementation of cap_convert: any format, any binning, sample by sample. */
 #include <string.h>
 
 #include "capture/pixel/pixfmt_priv.h"
@@ -53,7 +53,7 @@ unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s)
     return 0;
 }
 
-/* What one channel of one bin has gathered. */
+/* Sum of one channel of one bin so far. */
 struct gather {
     double sum;
     int count;
@@ -128,7 +128,7 @@ static void around(const struct cap_pix *j, int32_t x, int32_t y, struct gather 
         }
 }
 
-/* Overlap of the two pixels about sample u with bin X, in half pixels. */
+/* Along one axis, sample u stands for two pixels about it.  Their overlap with bin X, in half pixels. */
 static int overlap(int32_t u, int32_t X, int b)
 {
     int32_t lo = 2 * u - 2 > 2 * X * b - 1 ? 2 * u - 2 : 2 * X * b - 1;
@@ -136,8 +136,8 @@ static int overlap(int32_t u, int32_t X, int b)
     return hi > lo ? hi - lo : 0;
 }
 
-/* Bayer, binning >= 2: green's own samples; of red and blue each sample as far as the four pixels that it
- * stands for lie in the bin. */
+/* Bayer, binning >= 2: the bin's own samples of green; each sample of red and blue as far as the four pixels that
+ * it stands for lie in the bin. */
 static void mosaic_bin(const struct cap_pix *j, int32_t X, int32_t Y, struct gather g[3])
 {
     int b = j->binning;
@@ -195,7 +195,7 @@ void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out)
     }
     cap_pix_put(o, rgb, saturated, j->grey, j->nch);
     if (lacking && j->full > 0 && j->nch == 1 && j->maps != NULL && j->maps->mask != NULL)
-        o[0] = NAN; /* the mean of the other channels would be another thing */
+        o[0] = NAN; /* the mean of fewer channels is a different quantity */
     if (j->maps != NULL && j->plane == NULL)
         map_bin(j, bin, saturated, o);
 }

@@ -1,12 +1,14 @@
-/* pixfmt_sums.h - integer samples of any depth but Bayer's: the sums of columns of a piece of a row of
- * bins, then across.  While the binning has a factor of 2 neighbours are added in pairs. */
+/* pixfmt_sums.h - bins integer samples of any depth, except Bayer images.
+ *
+ * For a piece of a row of bins, it sums down the columns first, then across.  While the binning has a factor of 2,
+ * it adds neighbours in pairs. */
 #ifndef CAP_PIXFMT_SUMS_H
 #define CAP_PIXFMT_SUMS_H
 #include "capture/pixel/pixfmt_finish.h"
 #include "capture/pixel/pixfmt_unpack.h"
 
 enum {
-    SAMPLES = 1152, /* of a row at a time: of one plane, or a third of each of three */
+    SAMPLES = 1152, /* of a row at a time: all of one plane, or a third for each of three planes */
     THIRD = SAMPLES / 3,
 };
 
@@ -139,7 +141,7 @@ CAP_PIX_INLINE void groups(const uint32_t *restrict sum, const uint16_t *restric
     }
 }
 
-/* Plane c of a, n columns, to bins; in which of the two they are then. */
+/* Sum plane c of `from`, n columns, to bins.  Works in both buffers; returns the one with the result. */
 static struct sums *pixfmt_sums_across(int b, int32_t n, size_t c, struct sums *from,
                                        struct sums *to)
 {

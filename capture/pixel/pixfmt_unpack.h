@@ -1,5 +1,7 @@
-/* pixfmt_unpack.h - raw rows to planes of 16-bit samples.  Packed layouts: sixteen samples at a time with byte
- * shuffles, or four moved from one 64-bit word into the quarters of another. */
+/* pixfmt_unpack.h - raw rows to planes of 16-bit samples.
+ *
+ * Packed layouts: with AVX2, sixteen samples at a time by byte shuffles.  Otherwise four at a time, moved from one
+ * 64-bit word into the quarters of another. */
 #ifndef CAP_PIXFMT_UNPACK_H
 #define CAP_PIXFMT_UNPACK_H
 #include <string.h>
@@ -10,7 +12,7 @@
 #include <immintrin.h>
 #endif
 
-/* Samples behind a plane's end that may be written. */
+/* Up to this many samples behind a plane's end may be written. */
 enum { CAP_PIX_SLACK = 16 };
 
 CAP_PIX_INLINE uint16_t cap_pix_greater(uint16_t a, uint16_t b)
@@ -18,7 +20,7 @@ CAP_PIX_INLINE uint16_t cap_pix_greater(uint16_t a, uint16_t b)
     return a > b ? a : b;
 }
 
-/* n samples to what is added up: their light by the table, or (NULL) themselves. */
+/* n samples to the values that are summed: their light by the table, or (NULL) the samples themselves. */
 static inline void cap_pix_light(const uint16_t *restrict s, const uint32_t *table, int32_t n,
                                  uint32_t *restrict light)
 {
@@ -31,10 +33,10 @@ static inline void cap_pix_light(const uint16_t *restrict s, const uint32_t *tab
 }
 
 #if defined(__AVX2__)
-/* Eight samples from 16 bytes:  (bytes `low` of them * times) >> (16 - depth of low) | bytes `high` << it.
+/* Eight samples from 16 bytes:  (bytes `low` * times) >> (16 - depth) | bytes `high` << depth.
  * The product moves the wanted bits of a word to its top. */
 struct spread {
-    int8_t low[16], high[16]; /* -1 = 0 */
+    int8_t low[16], high[16]; /* index of a byte; -1 = a zero byte */
     uint16_t times[8];
     uint8_t depth, step; /* bits from `low`; bytes of eight samples */
 };
@@ -91,7 +93,7 @@ CAP_PIX_INLINE __m256i twice(const void *p, const void *q)
                                    _mm_loadu_si128((const __m128i *)q), 1);
 }
 
-/* As many of n samples as come in sixteens without reading past `end`; returns how many. */
+/* As many of n samples as fit in groups of sixteen without reading past `end`; returns how many. */
 static int32_t sixteens(const uint8_t *p, const uint8_t *end, int32_t n, const struct spread *k,
                         uint16_t *out)
 {
@@ -109,7 +111,7 @@ static int32_t sixteens(const uint8_t *p, const uint8_t *end, int32_t n, const s
     return i;
 }
 
-/* As many of n RGB pixels as come in eights without reading past `end`. */
+/* As many of n RGB pixels as fit in groups of eight without reading past `end`; returns how many. */
 static int32_t rgb_by_eight(const uint8_t *p, const uint8_t *end, int32_t n, uint16_t *r,
                             uint16_t *g, uint16_t *b)
 {
@@ -138,7 +140,7 @@ static uint64_t pixel_load(const uint8_t *p)
     return w;
 }
 
-/* a..b: bits lo..hi of w, moved up by `up` (0 when negative is not needed). */
+/* The n bits of w from bit `lo` on, moved to bit `to`. */
 #define BITS(w, lo, n, to)                                                                  \
     ((to) >= (lo)                                                                           \
          ? ((w) & ((((uint64_t)1 << (n)) - 1) << (lo))) << ((to) >= (lo) ? (to) - (lo) : 0) \
@@ -196,7 +198,7 @@ static int32_t fours_of(const uint8_t *p, const uint8_t *end, int32_t n, enum ca
 }
 #endif
 
-/* As many of n packed samples as can be read without reading past `end`. */
+/* As many of n packed samples as can be read without reading past `end`; returns how many. */
 static int32_t groups_of(const struct cap_pix *j, const uint8_t *p, const uint8_t *end, int32_t n,
                          uint16_t *out)
 {
@@ -209,8 +211,8 @@ static int32_t groups_of(const struct cap_pix *j, const uint8_t *p, const uint8_
 #endif
 }
 
-/* The n packed samples at p, and up to 15 more of the row; what is left of it where a whole group would
- * reach over `end` comes from a copy. */
+/* The n packed samples at p, and up to 15 more of the row.  The last samples, whose whole group would reach
+ * beyond `end`, are read from a copy. */
 static void packed(const struct cap_pix *j, const uint8_t *p, const uint8_t *end, int32_t n,
                    uint16_t *out)
 {
@@ -257,7 +259,7 @@ static void pixel_words(const uint8_t *p, int32_t n, unsigned full, uint16_t *re
             out[i] = out[i] < most ? out[i] : most;
 }
 
-/* One channel of two pixels, as two words: the value of cap_pix_yuv, cut to 0..4095 as integers. */
+/* One channel of two pixels, as two 16-bit words: the value of cap_pix_yuv, clamped to 0..4095 as integers. */
 CAP_PIX_INLINE uint32_t two_of(float y0, float y1, float chroma)
 {
     int32_t a = (int32_t)(y0 + chroma), b = (int32_t)(y1 + chroma);
@@ -266,7 +268,7 @@ CAP_PIX_INLINE uint32_t two_of(float y0, float y1, float chroma)
     return (uint32_t)(a < 4095 ? a : 4095) | (uint32_t)(b < 4095 ? b : 4095) << 16;
 }
 
-/* Pairs of pixels, each in a word of its own, and of an odd row the last with what lies behind it. */
+/* YUV pairs of pixels, each pair one 32-bit word.  In an odd row the last pixel is converted with its whole pair. */
 CAP_PIX_INLINE void pairs(const struct cap_yuv_coef *coef, const uint8_t *restrict p, int32_t n,
                           bool uyvy, uint16_t *restrict out, size_t pitch)
 {
@@ -287,8 +289,8 @@ CAP_PIX_INLINE void pairs(const struct cap_yuv_coef *coef, const uint8_t *restri
     }
 }
 
-/* Raw samples of pixels [x, x+n) of row y, cut to full scale; channel c (0 R, 1 G, 2 B; of grey and Bayer
- * images the only one) at out + c*pitch.  x even, for 10 bits without gaps a multiple of 4. */
+/* Raw samples of pixels [x, x+n) of row y, clamped to full scale.  Channel c (0 R, 1 G, 2 B; grey and Bayer images
+ * have one) is at out + c*pitch.  x must be even; for 10p and 10csi a multiple of 4. */
 static void pix_row(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint16_t *out,
                     size_t pitch)
 {
@@ -319,7 +321,7 @@ static void pix_row(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, ui
     }
 }
 
-/* Pixels x-1 .. x+n of one row of a Bayer image: what is added up, and the samples; x is at 1. */
+/* Pixels x-1 .. x+n of one row of a Bayer image: the values that are summed, and the raw samples; x is at index 1. */
 enum { CAP_PIX_PIECE = 512 }; /* pixels at a time, and one more on each side */
 struct cap_pix_line {
     uint32_t v[CAP_PIX_PIECE + CAP_PIX_SLACK + 2];
@@ -335,7 +337,7 @@ static inline void cap_pix_fetch_one(const struct cap_pix *j, int32_t x, int32_t
     l->v[at] = j->table == NULL ? v : j->table[v];
 }
 
-/* n <= CAP_PIX_PIECE; the image goes on mirrored beyond its border, by one row or column. */
+/* n <= CAP_PIX_PIECE.  Beyond its border the image is mirrored, by one row or column. */
 static inline void cap_pix_fetch(const struct cap_pix *j, int32_t y, int32_t x, int32_t n,
                                  struct cap_pix_line *restrict l)
 {

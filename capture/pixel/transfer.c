@@ -18,7 +18,7 @@ static double transfer_light_of(enum cap_transfer t, double v)
 
 enum { LEAST_BITS = 8, MOST_BITS = 16 };
 
-/* Tables of 8, 9 ... 16 bits one after the other; that of b bits starts at 2^b - 2^8. */
+/* Tables of 8, 9 ... 16 bits one after the other; the table of b bits starts at 2^b - 2^8. */
 static uint32_t light[2][(2 << MOST_BITS) - (1 << LEAST_BITS)];
 static atomic_bool made[2][MOST_BITS - LEAST_BITS + 1];
 static pthread_mutex_t making = PTHREAD_MUTEX_INITIALIZER;
