@@ -23,7 +23,7 @@ typedef struct cap_jpeg cap_jpeg;
 PVX_MUST_CHECK pvx_err cap_jpeg_new(int32_t width, int32_t height, cap_jpeg **out);
 void cap_jpeg_free(cap_jpeg **j);
 
-/* From now on also decode progressive pictures of at most 500 scans.  Files may have them, cameras do not send them. */
+/* From now on also decode progressive pictures of at most 500 scans.  Files may have them; cameras send none. */
 void cap_jpeg_progressive(cap_jpeg *j);
 
 /* Width and height from the frame header, of any kind of JPEG.  Errors: PVX_EFORMAT, PVX_ECORRUPT. */

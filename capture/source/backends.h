@@ -1,4 +1,4 @@
-/* backends.h - what each backend's room offers; capture/rig/backends.c has the table. */
+/* backends.h - the source of each backend; capture/rig/backends.c has the table. */
 #ifndef CAP_BACKENDS_H
 #define CAP_BACKENDS_H
 #include "capture/source/source.h"

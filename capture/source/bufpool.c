@@ -18,7 +18,7 @@ struct cap_bufpool {
     pthread_cond_t freed; /* a slot came back, or canceled */
     struct slot *free;
     unsigned n, n_free;
-    bool canceled, orphan; /* orphan: the source has let go */
+    bool canceled, orphan; /* orphan: the source has dropped its reference */
     uint32_t camera;
     size_t bytes;
     struct slot *slots;

@@ -3,8 +3,8 @@
  * `n` frames with their pixel memory are allocated once.  A driver thread takes one, fills it and pushes it.  Its
  * last user calls cap_frame_release.  The source and each frame in use hold a reference of the pool, so a source
  * may be closed while its frames are still in use.
- * A new frame has img.data = its memory, camera as given at new, exposure_us and gain NAN, release and owner of the
- * pool, and zero in all other fields.
+ * A new frame has img.data = its memory, camera as given to cap_bufpool_new, exposure_us and gain NAN, release and
+ * owner of the pool, and zero in all other fields.
  * Threads: all functions from any thread.  take, put-back: O(1), no allocation. */
 #ifndef CAP_BUFPOOL_H
 #define CAP_BUFPOOL_H
@@ -12,15 +12,15 @@
 
 typedef struct cap_bufpool cap_bufpool;
 
-/* n (1..1024) frames of `bytes` each, 64-byte aligned; the memory is touched here, not later.
+/* n (1..1024) frames of `bytes` each, 64-byte aligned.  The memory is touched here, not later.
  * Errors: PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera,
                                        cap_bufpool **out);
-/* A free frame, or NULL: none is free (count an underrun). */
+/* A free frame.  NULL: none is free (the caller counts an underrun). */
 struct cap_frame *cap_bufpool_get(cap_bufpool *p);
-/* The same, waiting until one is free; NULL only after cap_bufpool_cancel. */
+/* The same, but waits until one is free.  NULL only after cap_bufpool_cancel. */
 struct cap_frame *cap_bufpool_get_wait(cap_bufpool *p);
-/* Waiters leave with NULL, now and until cap_bufpool_resume. */
+/* get_wait returns NULL, to waiters and new callers, until cap_bufpool_resume. */
 void cap_bufpool_cancel(cap_bufpool *p);
 void cap_bufpool_resume(cap_bufpool *p);
 
@@ -28,6 +28,6 @@ void cap_bufpool_resume(cap_bufpool *p);
 void *cap_bufpool_memory(const struct cap_frame *f);
 size_t cap_bufpool_bytes(const cap_bufpool *p); /* per frame */
 
-/* Give up the source's reference; memory goes with the last frame that is out. */
+/* Drop the source's reference.  The memory is freed when the last frame in use is released. */
 void cap_bufpool_unref(cap_bufpool **p);
 #endif

@@ -1,4 +1,4 @@
-/* frame_number.h - a driver's 32-bit frame counter as frame numbers that do not wrap (V4L2, libcamera).
+/* frame_number.h - widens a driver's 32-bit frame counter to frame numbers that do not wrap (V4L2, libcamera).
  * Threads: one per stream. */
 #ifndef CAP_FRAME_NUMBER_H
 #define CAP_FRAME_NUMBER_H
@@ -8,12 +8,12 @@
 /* All 0 before the first frame of a stream. */
 struct cap_numbering {
     bool numbered; /* a good frame was seen */
-    uint32_t last; /* its counter */
+    uint32_t last; /* counter of the last good frame */
     uint64_t id;   /* and its number */
-    uint64_t bad;  /* frames counted otherwise since then: they leave no gap */
+    uint64_t bad;  /* frames since then with another count: they leave no gap */
 };
-/* Number of the next good frame.  *gap: frames missing before it that nothing has counted yet.  A
- * counter that stands still or goes back goes on by one. */
+/* Number of the next good frame.  *gap: frames missing before it that are not counted yet.  If the counter stands
+ * still or goes back, the number goes on by one. */
 static inline uint64_t cap_numbering_next(struct cap_numbering *s, uint32_t counter, uint64_t *gap)
 {
     uint32_t step = counter - s->last;

@@ -10,7 +10,7 @@ struct slot {
     struct cap_frame frame; /* first: a frame's address is its slot's */
     struct cap_lend *lend;
     bool out;     /* with the consumer */
-    bool refused; /* the driver would not take it back */
+    bool refused; /* the driver did not take it back */
 };
 
 struct cap_lend {

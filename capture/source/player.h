@@ -1,6 +1,6 @@
 /* player.h - the thread of a source that makes its frames itself (files:, take:, sim:), and its frame pool.
  *
- *     open    cap_player_init       a source's struct has a player in it; pool may come later
+ *     open    cap_player_init       the player is a member of the source's struct; its pool may come later
  *     start   cap_player_start      run(arg) in a thread of its own
  *             cap_player_wait_until, _get, _count, _event: by run()
  *     stop    cap_player_stop       wakes run() from all of these, and waits for it
@@ -27,12 +27,12 @@ struct cap_player {
     pthread_t thread;
 };
 
-/* clock: CLOCK_MONOTONIC or CLOCK_REALTIME, that of wait_until.  Of c: camera, lossless. */
+/* clock: the clock of wait_until, CLOCK_MONOTONIC or CLOCK_REALTIME.  Uses camera and lossless of c. */
 void cap_player_init(struct cap_player *p, const struct cap_source_config *c, clockid_t clock);
-/* The pool, of at least 4 frames.  Errors: cap_bufpool_new's. */
+/* Makes the pool, of at least 4 frames.  Errors: as cap_bufpool_new. */
 PVX_MUST_CHECK pvx_err cap_player_make_pool(struct cap_player *p, const struct cap_source_config *c,
                                             size_t bytes);
-/* scheme: the thread is called that and the camera's number. */
+/* The thread's name is scheme and the camera's number. */
 PVX_MUST_CHECK pvx_err cap_player_start(struct cap_player *p, const char *scheme,
                                         const struct cap_sink *sink, void *(*run)(void *arg),
                                         void *arg, struct pvx_diag *d);
@@ -40,9 +40,9 @@ void cap_player_stop(struct cap_player *p);
 void cap_player_fini(struct cap_player *p);
 
 bool cap_player_stopped(struct cap_player *p);
-/* Until the clock shows `t` or stop; true = go on. */
+/* Wait until the clock shows `t` or until stop.  True = go on, false = stop. */
 bool cap_player_wait_until(struct cap_player *p, int64_t t);
-/* A frame of the pool.  Lossless: waits for one.  NULL: there was none, which is counted, or stopped. */
+/* A frame of the pool.  Lossless: waits for one.  NULL: stopped, or no frame was free, which is counted. */
 struct cap_frame *cap_player_get(struct cap_player *p);
 void cap_player_count(struct cap_player *p, enum cap_count what, uint64_t n);
 void cap_player_event(struct cap_player *p, enum cap_event ev);

@@ -21,26 +21,26 @@ struct faults {
     double skew_us, drift_ppm; /* of the camera's clock against the host's */
     double drop;               /* share of frames that are never delivered */
     double jitter_us;          /* each frame is delivered up to this much late */
-    int64_t freeze;            /* 1: same image and stamp for ever */
-    int64_t die_after;         /* frames after each start, then the camera says that it is gone */
-    int64_t silent_after;      /* the same without a word */
+    int64_t freeze;            /* 1: the same image and stamp for ever */
+    int64_t die_after;         /* frames after each start, then the camera reports that it is gone */
+    int64_t silent_after;      /* frames after each start, then no more frames and no report */
     int64_t short_every;       /* each n-th frame claims fewer bytes than it should have */
     int64_t end_after;         /* frames, then the sequence is finished */
     int64_t absent;            /* 1: cannot be opened */
-    /* Those below, and drop, freeze and short_every, only between these times, s since 1970. */
+    /* The faults below, and drop, freeze and short_every, act only between these times, s since 1970. */
     double from, to;
     double incomplete;   /* share of frames that arrive with parts missing */
-    double rate;         /* of its own, against fps: 0.5 = every other, 0.999 = it runs by itself */
-    double phase_us;     /* exposes that much after the others */
-    double clock_jump_s; /* its clock is that far off */
-    double host_step_s;  /* the host's time of day was set by that */
-    int64_t silent;      /* 1: nothing comes */
+    double rate;         /* its own rate over fps: 0.5 = every other, 0.999 = it runs by itself */
+    double phase_us;     /* it exposes this much after the others */
+    double clock_jump_s; /* its clock is this far off */
+    double host_step_s;  /* the host's time of day was changed by this */
+    int64_t silent;      /* 1: no frames come */
     int64_t gone;        /* 1: connection lost, cannot be opened */
-    int64_t slip;        /* its numbers are so many ahead of its pictures */
-    int64_t miss_every;  /* each n-th picture is not exposed, nor numbered */
-    int64_t wide_every;  /* each n-th frame is another size than the camera's */
-    int64_t other_format; /* 1: pixels are said to be of another format */
-    int64_t hold;         /* so many of its buffers are held, as by a consumer that is too slow */
+    int64_t slip;        /* its numbers are this many ahead of its pictures */
+    int64_t miss_every;  /* each n-th picture is neither exposed nor numbered */
+    int64_t wide_every;  /* each n-th frame has another size than the camera's */
+    int64_t other_format; /* 1: the frame claims another pixel format */
+    int64_t hold;         /* this many of its buffers are held, as by a consumer that is too slow */
     double open_ms;       /* opening takes this long */
     int64_t seed;
 };
@@ -52,12 +52,12 @@ struct sim {
     struct cap_scene scene;
     int32_t width, height;
     enum cap_pixfmt fmt;
-    int64_t period_ns, own_period_ps; /* own: in picoseconds, so that rate=0.9999 is what it says */
+    int64_t period_ns, own_period_ps; /* own: in picoseconds, so that rate=0.9999 is exact */
     bool triggered;                   /* by software */
     uint64_t rng;
     struct cap_frame *held[HOLD_MAX];
     int64_t n_held;
-    int64_t trigger_real_ns; /* a trigger not yet served, 0 = none; under the player's lock */
+    int64_t trigger_real_ns; /* time of a trigger not yet served, 0 = none; under the player's lock */
 };
 
 /* ---- options ---------------------------------------------------------------------------------- */
@@ -149,7 +149,7 @@ static pvx_err parse_options(const char *text, struct faults *f, struct pvx_diag
 
 /* ---- thread ----------------------------------------------------------------------------------- */
 
-/* Wait for a trigger; its time, or 0 = stop. */
+/* Wait for a trigger.  Returns its time; 0 = stop. */
 static int64_t wait_trigger(struct sim *s)
 {
     struct cap_player *p = &s->player;
@@ -162,7 +162,7 @@ static int64_t wait_trigger(struct sim *s)
     return t;
 }
 
-/* Between `from` and `to`? */
+/* Whether now is between `from` and `to`. */
 static bool now_faulty(const struct faults *o)
 {
     double now = (double)pvx_now_real() * 1e-9;
@@ -213,13 +213,13 @@ static void sim_expose(struct sim *s, const struct shot *x)
     s->player.sink.push(s->player.sink.ctx, f);
 }
 
-/* Grid point k of a camera that may run by itself; its phase is not part of its grid. */
+/* Time of grid point k; the grid may be the camera's own.  It does not include the phase. */
 static int64_t grid_ns(const struct sim *s, int64_t k)
 {
     return (int64_t)((__int128)k * s->own_period_ps / 1000);
 }
 
-/* The next grid point after now.  A camera that begins to run by itself does so on a grid of its own. */
+/* The next grid point after now.  A camera that begins to run by itself gets a grid of its own. */
 static int64_t next_point(struct sim *s, bool faulty)
 {
     s->own_period_ps = s->period_ns * 1000;
@@ -251,7 +251,7 @@ static void *sim_run(void *arg)
     int64_t k = next_point(s, was), renumbered = 0;
     for (int64_t n = 1;; n++) {
         struct shot x = {.number = n, .faulty = now_faulty(o)};
-        if (x.faulty != was && o->rate > 0) { /* numbers go on */
+        if (x.faulty != was && o->rate > 0) { /* frame numbers go on without a gap */
             int64_t next = next_point(s, x.faulty);
             renumbered += k - next;
             k = next;
@@ -291,7 +291,7 @@ static void *sim_run(void *arg)
             cap_player_event(&s->player, n == o->die_after ? CAP_EV_LOST : CAP_EV_END);
             return NULL;
         }
-        /* Grid points that passed while this thread was not allowed to run are lost frames. */
+        /* Grid points that passed while this thread could not run are lost frames. */
         int64_t next = (int64_t)((__int128)pvx_now_real() * 1000 / s->own_period_ps);
         if (!s->triggered && next > k + 1) {
             cap_player_count(&s->player, CAP_ID_GAP, (uint64_t)(next - k - 1));
@@ -364,7 +364,7 @@ static pvx_err sim_trigger(cap_source *base)
     if (!s->triggered)
         return PVX_EUNSUP;
     pthread_mutex_lock(&s->player.lock);
-    s->trigger_real_ns = pvx_now_real(); /* one not yet served is lost, as in a real camera */
+    s->trigger_real_ns = pvx_now_real(); /* a trigger not yet served is lost, as in a real camera */
     pthread_cond_broadcast(&s->player.wake);
     pthread_mutex_unlock(&s->player.lock);
     return PVX_OK;

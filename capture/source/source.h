@@ -1,10 +1,9 @@
-/* source.h - one camera, whatever stands behind it (Aravis, V4L2, libcamera, files, a
- * recorded take, simulation).
+/* source.h - the interface to one camera of any kind (Aravis, V4L2, libcamera, files, a recorded take, simulation).
  *
- * A backend's driver thread only stamps and pushes: the sink takes the frame and returns at once.
- * A frame is lent by the source's fixed buffer pool until cap_frame_release; no buffer free = the
- * source counts an underrun and drops its newest frame.
- * Times: t_device on the camera's clock (0 = none), t_arrival when the driver's callback ran. */
+ * A backend's driver thread only stamps frames and pushes them.  The sink takes a frame and returns at once.
+ * The source's fixed buffer pool lends a frame until cap_frame_release.  When no buffer is free, the source counts
+ * an underrun and drops its newest frame.
+ * Times: t_device is on the camera's clock (0 = none), t_arrival is when the driver's callback ran. */
 #ifndef CAP_SOURCE_H
 #define CAP_SOURCE_H
 #include <stdbool.h>
@@ -19,23 +18,23 @@ struct cap_frame {
     int64_t t_arrival_ns; /* host CLOCK_REALTIME */
     int64_t t_arrival_mono_ns;
     int64_t t_exposure_ns; /* host CLOCK_REALTIME, filled by the clock map (clockmap.h) */
-    /* From a recording that knows its sets: number of the frame's set + 1, and how many frames it has; then
-     * the times above are the recording's and stay as they are.  0 = grouped by exposure. */
+    /* Of a recording with known sets: number of the frame's set + 1, and how many frames the set has.  The times
+     * above are then the recording's and stay as they are.  0 = grouped by exposure. */
     uint64_t set;
     uint32_t set_size;
-    double exposure_us, gain; /* used for this frame, as the camera says; NAN = it does not */
+    double exposure_us, gain; /* used for this frame, as the camera reports; NAN = not reported */
     void (*release)(struct cap_frame *f);
     void *owner;
 };
 void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
 
-/* Why a frame did not become part of a set, and what else is counted, per camera.
+/* Counts per camera: why a frame did not become part of a set, and other events.
  * The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself).
- * Size, format and stamps of the frames that it pushes are checked and counted by rig/intake.c, as all
- * the rest; a source that cannot even store a frame of another size counts that itself.
- * BAD_SIZE: a frame that the driver calls good but that is too short, too.
- * From CAP_CLOCK_STUCK on no frames are counted that are not counted before: these tell that something is
- * not as it should be (syncwatch.h, monitor.c).  A window is 0.5 s, or 8 periods. */
+ * rig/intake.c checks size, format and stamps of the pushed frames, and counts all the rest.  Only a source that
+ * cannot even store a frame of another size counts that frame itself.
+ * BAD_SIZE also counts frames that the driver calls good but that are too short.
+ * The counts from CAP_CLOCK_STUCK on report faults (syncwatch.h, monitor.c).  They count no frame that the counts
+ * before them lack.  A window is 0.5 s, or 8 periods. */
 #define CAP_COUNTS(M)                                                                              \
     M(CAP_RECEIVED, "received", "frames", "good frames handed over by the driver")                 \
     M(CAP_INCOMPLETE, "incomplete", "frames",                                                      \
@@ -71,11 +70,11 @@ extern const struct cap_count_def cap_count_defs[CAP_N_COUNT];
 
 enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequence finished */
 
-/* All may be called from any thread of the source, push from one at a time, holding no lock that stop needs:
- * in a lossless run push waits for room (until the capture stops); else it does not wait.
- * clock (NULL = not wanted): when the camera's clock, that of t_device_ns, showed device_ns, the
- * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question.
- * detail (NULL = not wanted): what is counted next, in a few words for a message; copied. */
+/* All may be called from any thread of the source, push from one thread at a time.  The caller holds no lock that
+ * stop needs: in a lossless run push waits for room (until the capture stops).  Otherwise it does not wait.
+ * clock (NULL = not wanted): when the camera's clock (of t_device_ns) showed device_ns, the host's CLOCK_MONOTONIC
+ * showed host_mono_ns +- bound_ns, half the round trip of the question.
+ * detail (NULL = not wanted): describes the next count in a few words for a message; copied. */
 #define CAP_DETAIL_MAX 112
 struct cap_sink {
     void (*push)(void *ctx, struct cap_frame *f); /* takes the frame */
@@ -91,8 +90,8 @@ struct cap_feature {
     char name[64], value[64];
 };
 
-/* Who starts an exposure: the camera by itself, one command per camera, a cable, or one broadcast
- * GigE Vision action command to all (trigger.h). */
+/* What starts an exposure: the camera itself, one command per camera, a cable, or one broadcast GigE Vision
+ * action command to all cameras (trigger.h). */
 enum cap_trigger {
     CAP_TRIGGER_FREE_RUN,
     CAP_TRIGGER_SOFTWARE,
@@ -100,23 +99,23 @@ enum cap_trigger {
     CAP_TRIGGER_ACTION
 };
 
-/* What a camera must be sent to act: the same device and group key, and a mask that shares a bit. */
+/* A camera acts on an action command with its device key and group key, and a mask that shares a bit with its own. */
 struct cap_action_keys {
     uint32_t device_key, group_key, group_mask;
 };
 
-/* Ask a GigE camera for lost packets again?  AUTO: when it says that it can.  A frame waits up to
- * frame_retention_ms for them, and the frames behind it with it. */
+/* Whether to ask a GigE camera for lost packets again.  AUTO: if the camera reports that it can resend.  A frame
+ * waits up to frame_retention_ms for its packets, and the frames behind it wait too. */
 enum cap_resend { CAP_RESEND_AUTO, CAP_RESEND_ALWAYS, CAP_RESEND_NEVER };
 
-/* All 0 is a good choice. */
+/* All 0 are good defaults. */
 struct cap_gige {
     int32_t packet_size;  /* bytes, 0 = negotiate */
     int32_t packet_delay; /* ns between two packets of a frame, 0 = leave */
     enum cap_resend resend;
     int32_t socket_buffer;     /* bytes, as far as net.core.rmem_max allows; 0 = 8 MiB */
     double frame_retention_ms; /* longest wait for the packets of a frame; 0 = 50 */
-    double packet_timeout_ms;  /* a packet that late is asked for again; 0 = 5 */
+    double packet_timeout_ms;  /* after this delay a packet is asked for again; 0 = 5 */
     int32_t rt_priority;       /* SCHED_RR of the receiving thread; 0 = 10, -1 = none */
     bool no_packet_socket;     /* plain UDP even where AF_PACKET is allowed */
 };
@@ -137,10 +136,10 @@ struct cap_source_config {
     unsigned buffers;              /* frames in the pool, >= 4 */
     struct cap_gige gige;
     double exposure_us, gain; /* < 0 = leave */
-    /* GenICam features, V4L2 or libcamera controls: set at opening, read back */
+    /* GenICam features, V4L2 or libcamera controls: set at opening and read back */
     const struct cap_feature *features;
     size_t n_features;
-    bool lossless;                 /* files: wait for room instead of dropping; no pacing */
+    bool lossless;                 /* files: wait for room instead of dropping frames; no pacing */
     bool loop;                     /* files: start over at the end */
     const struct cap_scene *scene; /* sim: */
 };
@@ -155,27 +154,27 @@ struct cap_source_config {
     LOG_D(CAPTURE, "camera %s (" scheme ":%s): " fmt, (c)->name, (c)->uri, ##__VA_ARGS__)
 
 #define CAP_SERIAL_MAX 64
-/* How a running camera is; a source that cannot tell leaves cap_health_unknown's value. */
+/* State of a running camera.  A source leaves values that it does not know as in cap_health_unknown. */
 struct cap_health {
-    double temperature_c; /* NAN = does not say; so for all doubles here */
+    double temperature_c; /* NAN = not known, as for all doubles here */
     char serial
-        [CAP_SERIAL_MAX]; /* what tells it from others of its kind, wherever it is plugged in; "" */
-    char ptp[16];         /* "Slave", "Master", "Uncalibrated" ...; "" = has none, or it is off */
+        [CAP_SERIAL_MAX]; /* identifies it among cameras of its kind, on any port; "" = not known */
+    char ptp[16];         /* "Slave", "Master", "Uncalibrated" ...; "" = no PTP, or it is off */
     double ptp_offset_ns; /* from the master */
     double link_mbps;
-    uint64_t packets_resent, packets_missing; /* since start: came when asked again; never came */
-    /* IPv4, host order: the camera's, and where commands to all cameras of its network go; 0 = not a
-     * network camera */
+    uint64_t packets_resent, packets_missing; /* since start: arrived after a request; never arrived */
+    /* IPv4, host order: the camera's, and the broadcast address for commands to all cameras of its network;
+     * 0 = not a network camera */
     uint32_t address, broadcast;
-    struct { /* last reading, as cap_sink.clock gives it; bound < 0 = none */
+    struct { /* last reading, as given to cap_sink.clock; bound < 0 = none */
         int64_t device_ns, host_mono_ns, bound_ns;
     } clock;
 };
 extern const struct cap_health cap_health_unknown;
 
-/* Images of a scene for sim: - given by the caller, so that capture needs no reconstruction code. */
+/* Images of a scene for sim:, given by the caller, so that capture needs no reconstruction code. */
 struct cap_scene {
-    /* Fill data (format fmt, tightly packed) with what camera sees at time t. Any thread. */
+    /* Fill data (format fmt, tightly packed) with the camera's view at time t_real_ns.  Any thread. */
     void (*render)(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfmt fmt, int32_t w,
                    int32_t h, void *data);
     void *ctx;
@@ -188,33 +187,33 @@ struct cap_found {
     const char *formats; /* lines "Mono8 640x480 15 30 Hz", our names; NULL = not asked */
 };
 
-/* What t_device_ns counts. */
+/* The clock of t_device_ns. */
 enum cap_clock {
-    CAP_CLOCK_OWN, /* the camera's own time: mapped to the host's on line (clockmap.h) */
-    CAP_CLOCK_MONO /* the host's CLOCK_MONOTONIC: only its distance to CLOCK_REALTIME is added */
+    CAP_CLOCK_OWN, /* the camera's own: mapped to the host's on line (clockmap.h) */
+    CAP_CLOCK_MONO /* the host's CLOCK_MONOTONIC: only its offset to CLOCK_REALTIME is added */
 };
 
 typedef struct cap_source cap_source;
 struct cap_source_ops {
     const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
     bool
-        recorded; /* stamps follow from frame numbers: no clock to map, no first frame to distrust */
+        recorded; /* stamps follow from frame numbers: no clock is mapped, and the first frame is good */
     enum cap_clock clock;
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
-    pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */
+    pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = not possible */
     bool triggers;                     /* can be set to wait for a line or an action command */
-    /* Is a camera that gives no frame still there, and ours?  Between start and stop, from the
-     * supervisor's thread, some ms, 0.5 s at most; asked of cameras that wait for a line.  NULL =
-     * cannot tell. */
+    /* Whether a camera that gives no frame is still there and still ours.  Called between start and stop from the
+     * supervisor's thread, for cameras that wait for a line.  Takes some ms, at most 0.5 s.  NULL = not
+     * possible. */
     bool (*answers)(cap_source *s);
-    /* Between start and stop, from the thread that calls these; answers at once with what a slow loop
-     * of the source saw last.  NULL = knows nothing. */
+    /* Between start and stop, from the thread that calls these.  Returns at once, with the last values that a slow
+     * loop of the source has read.  NULL = nothing is known. */
     void (*health)(cap_source *s, struct cap_health *out);
-    void (*stop)(cap_source *s);   /* no push after it returns; frames out may still be released */
-    void (*close)(cap_source **s); /* waits for no one: outstanding frames keep the pool alive */
-    /* Call cb once per camera that can be found, without disturbing one that is in use; NULL = cannot
-     * list. */
+    void (*stop)(cap_source *s);   /* no push after it returns; lent frames may still be released */
+    void (*close)(cap_source **s); /* does not wait: lent frames keep the pool alive */
+    /* Calls cb once for each camera that can be found, without disturbing a camera in use.  NULL = not
+     * possible. */
     pvx_err (*list)(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
                     struct pvx_diag *d);
 };

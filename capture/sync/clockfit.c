@@ -5,11 +5,11 @@
 #include "base/clock.h"
 #include "capture/sync/envelope.h"
 
-#define GOOD_DRIFT 50e-6 /* uncertainty below which readings are the line */
+#define GOOD_DRIFT 50e-6 /* uncertainty of the drift below which the fit is good */
 #define FEWEST     3
 #define STALE_NS   (10 * PVX_NS_PER_S)
-#define UNFIT_NS   100e3 /* a reading farther off, beyond the bounds: the clock has been moved */
-#define GRAIN_NS   1000  /* no bound is better than that */
+#define UNFIT_NS   100e3 /* a reading off by more than this and the bounds: the clock was changed */
+#define GRAIN_NS   1000  /* added to every bound */
 
 void cap_clockfit_forget(struct cap_clockfit *f)
 {

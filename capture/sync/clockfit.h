@@ -28,7 +28,7 @@ struct cap_clockfit {
 void cap_clockfit_forget(struct cap_clockfit *f);
 void cap_clockfit_add(struct cap_clockfit *f, int64_t x, double y, double bound_ns);
 double cap_clockfit_at(const struct cap_clockfit *f, int64_t x);
-/* It is good, and its newest reading not older than 10 s. */
+/* Whether the fit is good, and its newest reading less than 10 s old at x. */
 bool cap_clockfit_holds(const struct cap_clockfit *f, int64_t x);
 
 #endif

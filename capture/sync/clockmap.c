@@ -5,8 +5,8 @@
 
 #include "base/clock.h"
 
-#define MOVED_NS     (5.0 * (double)PVX_NS_PER_MS) /* below the line: not the same line any more */
-#define JUMP_NS      (100.0 * (double)PVX_NS_PER_MS) /* so far off: the camera's clock, surely */
+#define MOVED_NS     (5.0 * (double)PVX_NS_PER_MS) /* a frame this far below the line: new envelope */
+#define JUMP_NS      (100.0 * (double)PVX_NS_PER_MS) /* this far off: the camera's clock jumped */
 #define EARLY_NS     (2.0 * (double)PVX_NS_PER_S)    /* the same before there is a line */
 #define MAX_BOUND_NS (10 * PVX_NS_PER_MS)
 
@@ -16,7 +16,7 @@ void cap_clockmap_init(struct cap_clockmap *m, bool shared)
     m->shared = shared;
 }
 
-/* The crystal is the same after a jump: the drift stays. */
+/* Start the map again.  The crystal is the same after a jump, so the drift stays. */
 static void restart(struct cap_clockmap *m, int64_t device_ns, int64_t arrival_ns, double diff)
 {
     m->valid = true;
@@ -27,7 +27,7 @@ static void restart(struct cap_clockmap *m, int64_t device_ns, int64_t arrival_n
     cap_clockfit_forget(&m->read);
 }
 
-/* delay = envelope - what the readings say, weighted; a delay cannot be negative. */
+/* delay = weighted mean of (envelope - reading).  A delay cannot be negative. */
 static void settle_delay(struct cap_clockmap *m)
 {
     double sum = 0, weight = 0;
@@ -40,7 +40,7 @@ static void settle_delay(struct cap_clockmap *m)
     m->delay_ns = weight > 0 ? fmax(sum / weight, 0) : 0;
 }
 
-/* Differences are kept relative to host0 - dev0, where double has ns to spare. */
+/* Differences are relative to host0 - dev0; so they are small, and a double resolves them better than 1 ns. */
 static double clockmap_difference(const struct cap_clockmap *m, int64_t device_ns, int64_t host_ns)
 {
     return (double)((host_ns - m->host0) - (device_ns - m->dev0));
@@ -62,7 +62,7 @@ int64_t cap_clockmap_add(struct cap_clockmap *m, int64_t device_ns, int64_t arri
     bool line = m->envelope.n >= CAP_ENVELOPE_LINE;
     double diff = clockmap_difference(m, device_ns, arrival_ns), above;
     double off = diff - cap_envelope_at(&m->envelope, device_ns - m->dev0);
-    /* before there is a line there may have been slow frames only */
+    /* before there is a line, all frames so far may have been slow */
     if (backwards || off < (line ? -JUMP_NS : -EARLY_NS)) {
         m->jumps++;
         restart(m, device_ns, arrival_ns, 0);
@@ -79,7 +79,7 @@ int64_t cap_clockmap_add(struct cap_clockmap *m, int64_t device_ns, int64_t arri
     if (moved)
         settle_delay(m);
     double least = cap_envelope_at(&m->envelope, x) - m->delay_ns;
-    if (cap_clockfit_holds(&m->read, x)) /* nothing arrives before it was exposed */
+    if (cap_clockfit_holds(&m->read, x)) /* a frame cannot arrive before its exposure */
         least = fmin(cap_clockfit_at(&m->read, x), diff);
     return device_ns + (m->host0 - m->dev0) + llrint(least);
 }
@@ -108,9 +108,9 @@ void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t hos
         restart(m, device_ns, host_ns, INFINITY);
     int64_t x = device_ns - m->dev0;
     double diff = clockmap_difference(m, device_ns, host_ns);
-    double off = cap_envelope_at(&m->envelope, x) - diff; /* the delay, as far as this one knows */
+    double off = cap_envelope_at(&m->envelope, x) - diff; /* the delay according to this reading */
     if (fabs(off) > EARLY_NS)
-        return; /* of another life of the clock; frames will tell */
+        return; /* the clock jumped between reading and frames; the frames will show it */
     cap_clockfit_add(&m->read, x, diff, (double)bound_ns);
     settle_delay(m);
 }

@@ -9,9 +9,9 @@
  * old drift.  It is counted when the clock ran backwards, or jumped by 0.1 s or more.
  * `shared`: the device clock already is the host's (PTP, simulation, recorded frames).  The map is the identity
  * without a fit, and backwards steps are still counted as jumps.
- * Error, measured by test_clockmap (30 Hz, 5 % lost, 100 ppm, delay 0.2 ms + up to 1 ms at random), of half the
- * frames below / of the worst frame, in the mean of many runs: 76 / 510 us in the first second, 99 / 180 until the
- * third, 16 / 154 until the tenth, 3 / 26 until the sixtieth, then 1.5 / 13 in ten minutes.
+ * Error measured by test_clockmap (30 Hz, 5 % lost, 100 ppm, delay 0.2 ms + up to 1 ms at random), median / worst
+ * frame, mean of many runs: 76 / 510 us in the first second, 99 / 180 until the third, 16 / 154 until the tenth,
+ * 3 / 26 until the sixtieth, then 1.5 / 13 in ten minutes.
  * Reasons: SYNC.md section 10.
  * Threads: one camera's map belongs to one thread.  Allocates nothing; cost O(1) per frame, a
  * refit over 64 buckets once a second. */
@@ -28,17 +28,17 @@ struct cap_clockmap {
     uint64_t jumps;
     struct cap_envelope envelope; /* of the frames */
     struct cap_clockfit read;     /* of the readings */
-    double delay_ns; /* constant part of the frames', found by readings; 0 = not known */
+    double delay_ns; /* constant part of the frames' delay, found by readings; 0 = not known */
 };
 void cap_clockmap_init(struct cap_clockmap *m, bool shared);
 /* Feed one frame; returns exposure time on the host clock, ns.  device_ns = 0: arrival is used. */
 int64_t cap_clockmap_add(struct cap_clockmap *m, int64_t device_ns, int64_t arrival_ns);
 /* Drift in use, host seconds per device second - 1. */
 double cap_clockmap_drift(const struct cap_clockmap *m);
-/* What mapped times may wander by within some seconds, ns; infinite while the drift is not known well. */
+/* How far mapped times may move within some seconds, ns; infinite while the drift is not known well. */
 double cap_clockmap_doubt(const struct cap_clockmap *m);
-/* The camera's clock showed device_ns when the host's was host_ns +- bound_ns (half the round trip of
- * the question).  The last 16 readings count.  Bounds above 10 ms are ignored. */
+/* A reading: the camera's clock showed device_ns when the host's showed host_ns +- bound_ns (half the round trip
+ * of the question).  The last 16 readings count.  Readings with bounds above 10 ms are ignored. */
 void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t host_ns,
                           int64_t bound_ns);
 

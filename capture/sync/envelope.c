@@ -5,9 +5,9 @@
 #include "base/clock.h"
 
 #define BUCKET_NS   PVX_NS_PER_S
-#define EARLY_DRIFT 150e-6                        /* more is a few seconds of a busy network */
-#define ABOVE_NS    (5.0 * (double)PVX_NS_PER_MS) /* not the same line any more ... */
-#define ABOVE_RUN   3                             /* ... when so many buckets lie there */
+#define EARLY_DRIFT 150e-6 /* a larger early drift comes from a few seconds of a busy network */
+#define ABOVE_NS    (5.0 * (double)PVX_NS_PER_MS) /* the line no longer holds if ... */
+#define ABOVE_RUN   3 /* ... this many buckets in a row lie this far above it */
 
 double cap_envelope_at(const struct cap_envelope *e, int64_t x)
 {
@@ -44,7 +44,7 @@ static void envelope_fit(struct cap_envelope *e)
     double slope = x[k] > x[k - 1] ? (y[k] - y[k - 1]) / (x[k] - x[k - 1]) : 0;
     double most = e->n < CAP_ENVELOPE_KNOWN ? EARLY_DRIFT : CAP_DRIFT_MAX;
     e->drift = fmin(fmax(slope, -most), most);
-    e->offset_ns = INFINITY; /* clamped or not, the line lies under all of them */
+    e->offset_ns = INFINITY; /* the line lies below all buckets, also with a clamped drift */
     for (int i = 0; i < hull; i++)
         e->offset_ns = fmin(e->offset_ns, y[i] - e->drift * x[i]);
     e->offset_ns -= fmax(cap_envelope_at(e, e->current.x) - e->current.y, 0);
@@ -53,7 +53,8 @@ static void envelope_fit(struct cap_envelope *e)
         e->excess_ns += (e->bucket[i].y - cap_envelope_at(e, e->bucket[i].x)) / e->n;
 }
 
-/* How far above the line it is, when it is the last straw; else 0. */
+/* Keep the current bucket.  If it is the ABOVE_RUN-th in a row above the line, begin the envelope again and return
+ * how far above the line it is; else return 0. */
 static double keep_bucket(struct cap_envelope *e)
 {
     double by = e->current.y - cap_envelope_at(e, e->current.x);

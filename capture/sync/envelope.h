@@ -22,7 +22,7 @@
 /* All zero, then begin(). */
 struct cap_envelope {
     double drift, offset_ns; /* of (1) */
-    double excess_ns;        /* mean of the buckets above the line: how firmly it lies */
+    double excess_ns;        /* mean height of the buckets above the line: its uncertainty */
     struct cap_envelope_bucket {
         int64_t x;
         double y;
@@ -32,11 +32,11 @@ struct cap_envelope {
     int64_t until; /* x at which the current bucket is full */
 };
 
-/* Anew at this point, with the drift that it has.  y infinite: no point yet; the line goes through 0. */
+/* Begin again at this point, with the present drift.  y infinite: no point yet; the line goes through 0. */
 void cap_envelope_begin(struct cap_envelope *e, int64_t x, double y);
 double cap_envelope_at(const struct cap_envelope *e, int64_t x);
-/* x in order of time.  True: the line has moved.  *above_ns: how far above it the points of three buckets
- * were, when it has begun anew for that; else 0. */
+/* Add points in order of time x.  True: the line may have moved.  *above_ns: if the envelope began again because
+ * three buckets lay above the line, how far above it they were; else 0. */
 bool cap_envelope_add(struct cap_envelope *e, int64_t x, double y, double *above_ns);
 
 #endif

@@ -19,11 +19,11 @@ struct slot {
     struct slot *next;     /* in the free list or among the finished */
     int64_t lo_ns, hi_ns;  /* earliest and latest exposure of the members */
     int64_t first_mono_ns; /* arrival of the first */
-    uint64_t recorded;     /* its number + 1 in the recording that it comes from; 0 = live */
+    uint64_t recorded;     /* the set's number + 1 in its recording; 0 = live */
     uint32_t size;         /* of the recorded set */
 };
 
-/* Sets are released by the consumer's threads, and may outlive the assembler: as cap_bufpool. */
+/* The consumer's threads release sets, which may outlive the assembler, like frames of a cap_bufpool. */
 struct set_pool {
     pthread_mutex_t lock;
     struct slot *free;
@@ -44,7 +44,7 @@ struct cap_assembler {
     bool closed_any;
     int64_t closed_ns; /* lo of the newest closed set: up to tolerance after it frames are late */
     unsigned late_run; /* frames late in a row */
-    uint64_t late_of;  /* whose */
+    uint64_t late_of;  /* bit per camera that sent them */
     uint64_t number, failed;
     uint64_t recorded;                       /* newest recorded set that is closed */
     uint64_t last_recorded[CAP_MAX_CAMERAS]; /* set of each camera's last frame */
@@ -112,7 +112,7 @@ pvx_err cap_assembler_new(const struct cap_assembler_params *params, const struc
     if (p.cameras < 1 || p.cameras > CAP_MAX_CAMERAS || p.min_cameras > p.cameras ||
         p.period_ns < 0 || p.tolerance_ns <= 0 || p.max_wait_ns < 0)
         return PVX_EINVAL;
-    /* Half a period and jitter would let one frame fit two sets: pairs off by one. */
+    /* With half a period and jitter, one frame could fit two sets: pairs off by one. */
     if (p.period_ns > 0 && p.tolerance_ns >= p.period_ns / 2)
         return PVX_EINVAL;
     cap_assembler *a = pvx_calloc(1, sizeof *a);
@@ -220,9 +220,9 @@ static bool worth_giving_out(const cap_assembler *a, const struct slot *slot)
     return a->p.policy == CAP_POLICY_PARTIAL || all_alive_in(a, s);
 }
 
-/* Close the i-th open set.  One that is given out takes all older ones along, so that the order
- * holds.  One that fails leaves the others alone: a single frame with a stamp from the future must
- * neither tear open sets apart nor make all that follows late. */
+/* Close the i-th open set.  Before a set is given out, all older ones are closed, so that the order holds.  A set
+ * that fails does not touch the others: a single frame with a stamp from the future must neither tear open sets
+ * apart nor make all following frames late. */
 static void close_set(cap_assembler *a, unsigned i)
 {
     if (a->open[i]->recorded > a->recorded)
@@ -246,8 +246,8 @@ static void close_set(cap_assembler *a, unsigned i)
     cap_set_release(&s->set);
 }
 
-/* Camera c's frame of this set will not come: a later one has.  A stamp far in the future says
- * nothing: it is the stamp that is wrong. */
+/* Camera c's frame of this set will not come, because a later one has come.  A stamp far in the future does not
+ * count: the stamp is wrong then. */
 static bool passed_by(const cap_assembler *a, unsigned c, const struct slot *s)
 {
     if (s->recorded != 0)
@@ -256,7 +256,7 @@ static bool passed_by(const cap_assembler *a, unsigned c, const struct slot *s)
     return a->last_ns[c] > s->lo_ns + a->p.tolerance_ns && a->last_ns[c] <= s->lo_ns + ahead;
 }
 
-/* Nothing more can come that this set waits for. */
+/* No frame that this set waits for can come any more. */
 static bool is_final(const cap_assembler *a, const struct slot *s)
 {
     if (s->recorded != 0 && s->set.n == s->size)
@@ -267,7 +267,7 @@ static bool is_final(const cap_assembler *a, const struct slot *s)
     return a->alive != 0 || s->set.n == a->p.cameras;
 }
 
-/* Oldest first; one that is closed may take others along. */
+/* Close all final sets, oldest first.  Closing one may close others too. */
 static void close_final(cap_assembler *a)
 {
     for (unsigned i = 0; i < a->n_open;) {
@@ -280,7 +280,7 @@ static void close_final(cap_assembler *a)
     }
 }
 
-/* The open set that t fits, nearest middle first; n_open when none does. */
+/* Index of the open set that t fits, the one with the nearest middle; n_open if t fits none. */
 static unsigned find_open(const cap_assembler *a, int64_t t)
 {
     unsigned best = a->n_open;
@@ -325,8 +325,8 @@ static void sink_down(cap_assembler *a, unsigned i)
     }
 }
 
-/* Older than what is out?  When nothing but late frames comes, from all cameras, it is not the frames
- * that are late: time has been stepped back. */
+/* Whether t is older than the sets given out.  When all cameras send only late frames for long, time has been
+ * stepped back instead, and the order starts again. */
 static bool is_late(cap_assembler *a, uint32_t camera, int64_t t)
 {
     if (!a->closed_any || t > a->closed_ns + a->p.tolerance_ns) {
@@ -341,7 +341,7 @@ static bool is_late(cap_assembler *a, uint32_t camera, int64_t t)
     return false;
 }
 
-/* Into its set, or out of the way with a count. */
+/* Put f into its set, or discard it with a count. */
 static void insert(cap_assembler *a, struct cap_frame *f, int64_t t)
 {
     unsigned i = f->set != 0 ? find_recorded(a, f->set) : find_open(a, t);

@@ -34,15 +34,15 @@ struct cap_set {
     uint32_t n;             /* members */
     struct cap_frame *frame[CAP_MAX_CAMERAS]; /* NULL = missing */
 };
-/* A set is counted: it comes with one reference; each holder gives back its own.  The last one out
+/* A set has a reference count and comes with one reference.  Each holder releases its own.  The last release
  * releases the frames, and the struct goes back to its pool. */
 void cap_set_ref(struct cap_set *s);
 void cap_set_release(struct cap_set *s);
 
-/* A second receiver of the frames beside the consumer: a recorder.  Called by the assembler's thread; must
- * return at once, unless everything may wait (lossless).  Each may be NULL. */
+/* A second receiver of the frames beside the consumer: a recorder.  Called by the assembler's thread.  Must return
+ * at once, unless everything may wait (lossless).  Each function may be NULL. */
 struct cap_tap {
-    void (*set)(void *ctx, struct cap_set *s); /* is given out next; cap_set_ref to keep it */
+    void (*set)(void *ctx, struct cap_set *s); /* s is given out next; cap_set_ref to keep it */
     /* Takes a good frame that is in no set, counted under `why`. */
     void (*stray)(void *ctx, struct cap_frame *f, enum cap_count why);
     void *ctx;
@@ -52,14 +52,14 @@ struct cap_assembler_params {
     uint32_t cameras;
     int64_t tolerance_ns; /* 0 = a quarter of the period; must be less than half of it */
     int64_t
-        max_wait_ns;   /* 0 = 150 ms; WAIT: 500 ms (frames are held meanwhile: mind the buffers) */
+        max_wait_ns;   /* 0 = 150 ms; WAIT: 500 ms (needs enough buffers: frames are held meanwhile) */
     int64_t period_ns; /* nominal, from fps; 0 = unknown (then tolerance must be given) */
     enum cap_policy policy;
     uint32_t min_cameras; /* PARTIAL, WAIT: fewer are dropped */
 };
 typedef struct cap_assembler cap_assembler;
-/* All cameras count as alive at first.  Of counts only ctx, count and push are used.  push takes each frame
- * that did not become part of a set, right after the count that says why; NULL: it is released.
+/* All cameras count as alive at first.  Only ctx, count and push of `counts` are used.  push takes each frame that
+ * did not become part of a set, right after the count with the reason.  push NULL: the frame is released.
  * Errors: PVX_EINVAL (cameras 1..64, tolerance), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
                                          const struct cap_sink *counts, cap_assembler **out);
@@ -67,21 +67,20 @@ PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
 void cap_assembler_free(cap_assembler **a);
 /* Takes f.  Any sets that this completes come out of cap_assembler_pop. */
 void cap_assembler_put(cap_assembler *a, struct cap_frame *f);
-/* Takes f, whose time is not known well enough to match it: UNMATCHED. */
+/* Takes f, whose time is not known well enough to match it, and counts it UNMATCHED. */
 void cap_assembler_refuse(cap_assembler *a, struct cap_frame *f);
-/* Tell it which cameras are alive: it does not wait for the others. */
+/* Tell the assembler whether a camera is alive.  It does not wait for the others. */
 void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive);
-/* Close what is overdue at mono time `now`. */
+/* Close the sets that are overdue at now_mono_ns. */
 void cap_assembler_tick(cap_assembler *a, int64_t now_mono_ns);
-/* When tick has something to close: mono time, INT64_MAX = nothing is open. */
+/* Mono time when tick will have a set to close; INT64_MAX = no set is open. */
 int64_t cap_assembler_deadline(const cap_assembler *a);
-/* The clock of the exposure times was stepped by `by_ns`: what is open and what counts as closed is
- * moved along. */
+/* The clock of the exposure times was stepped by `by_ns`: open sets and the limit of late frames move along. */
 void cap_assembler_shift(cap_assembler *a, int64_t by_ns);
-/* The frames' own clocks were stepped: nothing counts as late until the next set is out. */
+/* The frames' own clocks were stepped: no frame counts as late until the next set is given out. */
 void cap_assembler_forget_order(cap_assembler *a);
-/* Replay in order: frames from now on are exposed when `next` was or later, or are of its recorded set or
- * later ones, so close every set that none of them can join. */
+/* Replay in order: all further frames are exposed at or after `next`, or belong to its recorded set or later ones.
+ * So close every set that none of them can join. */
 void cap_assembler_close_before(cap_assembler *a, const struct cap_frame *next);
 /* Next finished set or NULL. Caller owns it until cap_set_release. */
 struct cap_set *cap_assembler_pop(cap_assembler *a);

@@ -4,10 +4,10 @@
 
 #include "capture/sync/syncwatch_int.h"
 
-#define RENUMBERED 1000 /* instants: numbers that far off have begun anew */
+#define RENUMBERED 1000 /* instants: numbers that are this far off were started again */
 
-/* What most members say that this instant is called; *sure = more than half of those that say anything,
- * or the one of the sayings that the time supports. */
+/* Number of this instant, by a vote of the members (frame number + offset).  *sure: more than half of the votes
+ * agree, or the time since the last set confirms one of them. */
 static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set *s, bool *sure)
 {
     int64_t say[CAP_MAX_CAMERAS], best = 0;

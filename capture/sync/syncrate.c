@@ -9,7 +9,7 @@
 #define LEAST         400e-6
 #define CRYSTALS      200e-6
 #define NORMAL        6.47 /* quantile at 1e-10, both sides */
-#define GRAIN_NS      1e3  /* stamps are no better than that */
+#define GRAIN_NS      1e3  /* least standard error of a stamp */
 
 void cap_rate_forget(struct cap_rate *r)
 {
@@ -55,7 +55,7 @@ struct line {
     double dof;
 };
 
-/* Through the `m` blocks that end `skip` before the last full one. */
+/* The line through the `m` blocks that end `skip` blocks before the last full one. */
 static struct line syncrate_fit(const struct cap_rate *r, unsigned m, unsigned skip,
                                 int64_t period_ns)
 {

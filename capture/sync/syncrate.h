@@ -17,30 +17,30 @@
 #include <stdint.h>
 
 #define CAP_RATE_BLOCKS 128
-#define CAP_RATE_FEWEST 4 /* blocks that say anything */
+#define CAP_RATE_FEWEST 4 /* fewest blocks that give a rate */
 
 /* All zero is empty. */
 struct cap_rate {
     int64_t t_ns, count; /* last stamp; periods since the first */
     int64_t off_ns;      /* t - t_first - count period */
     struct cap_rate_block {
-        int64_t t0_ns, count0, off0_ns; /* its first picture */
-        double n, x, y, xx, xy, yy;     /* sums, from there */
+        int64_t t0_ns, count0, off0_ns; /* of its first picture */
+        double n, x, y, xx, xy, yy;     /* sums, relative to the first picture */
     } block[CAP_RATE_BLOCKS];
     unsigned n, head; /* full blocks; the one being filled */
 };
 
 void cap_rate_forget(struct cap_rate *r);
-/* The next stamp, `periods` after the last one (ignored for the first).  True = a block is full. */
+/* Add the next stamp, `periods` after the last one (ignored for the first).  True = a block is full. */
 bool cap_rate_add(struct cap_rate *r, int64_t t_ns, int64_t periods, int64_t period_ns);
-/* Relative difference of the periods of a and b over their last m blocks, > 0: a is slower; 0 when it is
- * not beyond (2), or when there are fewer blocks. */
+/* Relative difference of the periods of a and b over their last m blocks; > 0: a is slower.  0 if (2) does not
+ * hold, or if there are fewer blocks. */
 double cap_rate_unlike(const struct cap_rate *a, const struct cap_rate *b, unsigned m,
                        int64_t period_ns);
 /* Of the last m <= n blocks: time on the camera's clock, pictures per second. */
 int64_t cap_rate_span_ns(const struct cap_rate *r, unsigned m);
 double cap_rate_hz(const struct cap_rate *r, unsigned m, int64_t period_ns);
-/* Student's quantile at 1e-10, both sides: so many standard errors are no chance. */
+/* Student's quantile at 1e-10, both sides: a difference of this many standard errors is not chance. */
 double cap_rate_quantile(double dof);
 
 #endif

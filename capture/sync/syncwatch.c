@@ -12,15 +12,15 @@
 
 #define WINDOW_NS     (500 * PVX_NS_PER_MS)
 #define MIN_PERIODS   8 /* in a window */
-#define FAR_PERIODS   4 /* a clock that is that far off the others' is another time */
-#define ROUND_OFF     CAP_SYNC_ROUND_OFF /* of an interval, when triggers come as they like */
+#define FAR_PERIODS   4 /* a frame more than this from the others' has a clock of another time */
+#define ROUND_OFF     CAP_SYNC_ROUND_OFF /* for triggers from outside, which may be irregular */
 #define ROUND_OFF_OWN 0.45
 #define COARSE        0.3
 #define FINE          0.01
-#define HOST_NS       (9 * PVX_NS_PER_S) /* before stamps of the host tell a rate */
+#define HOST_NS       (9 * PVX_NS_PER_S) /* shortest time for a rate from stamps of the host */
 #define MIN_WALK      4                  /* windows that make a line */
 #define WALK_NS       500e3
-#define UNSURE_NS     600e3 /* per s, that the maps of two clocks may be wrong by at first */
+#define UNSURE_NS     600e3 /* per s: how wrong the maps of two clocks may be at first */
 #define PI            3.14159265358979323846
 
 void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_params *p,
@@ -51,7 +51,7 @@ void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns)
         k->t0 += by_ns;
         for (unsigned i = 0; i < CAP_WALK_WINDOWS; i++)
             k->walk[i].t_ns += by_ns;
-        cap_rate_forget(&k->rate); /* its stamps may be of the clock that was set */
+        cap_rate_forget(&k->rate); /* its stamps may be from the clock that was stepped */
     }
 }
 
@@ -68,8 +68,8 @@ static double wrapped(double ns, double period)
     return ns - period * rint(ns / period);
 }
 
-/* This frame's exposure against the others' last.  Of an even number of them the two in the middle may
- * be half a period apart: then the one that is nearer to zero counts. */
+/* Add the phase of this frame: its exposure against the others' last, by the median.  If their number is even, the
+ * two middle values may be half a period apart; the one nearer to zero counts. */
 static void note_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
 {
     double near[CAP_MAX_CAMERAS], far[CAP_MAX_CAMERAS], period = (double)w->p.period_ns;
@@ -100,7 +100,7 @@ static void note_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
     k->phases++;
 }
 
-/* What phases may move by because clocks' maps do; of all cameras: a phase is against the others. */
+/* How far phases may move because the maps of clocks move.  The largest of all cameras, as a phase is relative. */
 static double doubt(const struct cap_syncwatch *w)
 {
     double most = 0;
@@ -110,7 +110,7 @@ static double doubt(const struct cap_syncwatch *w)
     return most;
 }
 
-/* Straight line through the phases of the last n windows; true when it is one and leads away. */
+/* Straight line through the phases of the last n windows.  True if the line fits and the phase changes along it. */
 static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_camera *k, unsigned n,
                        double doubt_ns, double *per_s)
 {
@@ -140,10 +140,10 @@ static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_came
     double error = scatter * sqrt(n / ((n - 2) * sxx)) * x[n - 1];
     return n <= k->n_sure && change > WALK_NS + known &&
            change > cap_rate_quantile(n - 2) * error &&
-           change > 8 * scatter; /* of a step it is 6 */
+           change > 8 * scatter; /* a step gives 6 */
 }
 
-/* Over the last windows, few or many: it may have begun a moment ago, or be slow. */
+/* Tries few and many of the last windows: a walk may have begun a moment ago, or be slow. */
 static bool walks(const struct cap_syncwatch *w, struct cap_sync_camera *k)
 {
     double by = doubt(w), least = isfinite(by) ? 0 : UNSURE_NS;
@@ -169,7 +169,7 @@ static void judge_phase(struct cap_syncwatch *w, uint32_t c)
         return;
     }
     double length = k->phases > 0 ? hypot(k->cos, k->sin) / k->phases : 0;
-    if (length < 0.5) { /* all phases alike: it runs at another rate, or the others do */
+    if (length < 0.5) { /* phases all over the period: it runs at another rate, or the others do */
         k->phase_ns = NAN;
         k->n_walk = k->walk_head = 0;
         return;
@@ -197,8 +197,8 @@ static void judge_phase(struct cap_syncwatch *w, uint32_t c)
     }
 }
 
-/* Unlike most of the others, as far as they are known for so long; of two, the one that is farther from
- * nominal is wrong.  *theirs: pictures per second. */
+/* Whether the rate differs from most of the others', of those known for m blocks.  Of two cameras, the one farther
+ * from nominal is wrong.  *theirs: the others' pictures per second. */
 static bool unlike_the_others(const struct cap_syncwatch *w, const struct cap_sync_camera *k,
                               unsigned m, double *theirs)
 {
@@ -225,7 +225,7 @@ static void odd_rate(struct cap_syncwatch *w, uint32_t c, const char *text)
     cap_sync_found(w, c, CAP_RATE, 1, text);
 }
 
-/* Counted less than a window ago? */
+/* Whether an odd rate was counted less than (about) a window ago. */
 static bool counted(const struct cap_syncwatch *w, const struct cap_sync_camera *k)
 {
     return k->rate_odd_mono_ns != 0 && k->arrival_ns - k->rate_odd_mono_ns < w->window_ns * 9 / 10;
@@ -256,7 +256,7 @@ static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
     double by_number = (double)n * 1e9 / (double)ns;
     k->hz = by_number;
     bool coarse = !w->p.paced_outside && fabs(by_number / nominal - 1) > COARSE;
-    if (!coarse && k->periods > 0) /* else triggers come as they like */
+    if (!coarse && k->periods > 0) /* else triggers are irregular */
         k->hz = (double)k->periods * 1e9 / (double)ns;
     if (counted(w, k) || (!coarse && (k->periods <= 0 || fabs(k->hz / nominal - 1) <= FINE)))
         return;
@@ -264,8 +264,8 @@ static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
     odd_rate(w, c, text);
 }
 
-/* Intervals that are no multiples of the period say nothing about a rate: triggers that come as they
- * like, or a clock that moved. */
+/* Intervals that are not multiples of the period give no rate: the triggers are irregular, or a clock was
+ * changed. */
 static void note_rate(struct cap_syncwatch *w, const struct cap_frame *f)
 {
     struct cap_sync_camera *k = &w->camera[f->camera];
@@ -307,7 +307,7 @@ void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f)
         return;
     note_rate(w, f);
     if (first || step <= 0 || step > 4 * w->window_ns) {
-        begin_window(k); /* after a pause nothing is known of it */
+        begin_window(k); /* after a pause, measure from here */
         return;
     }
     k->frames++;

@@ -37,31 +37,31 @@ struct cap_syncwatch {
     struct cap_sync_camera {
         /* last frame */
         bool any;
-        double doubt_ns; /* in: its mapped times may wander by it; infinite: drift not known well */
+        double doubt_ns; /* in: its mapped times may move by this; infinite: drift not known well */
         bool host_stamps; /* in: a driver stamps its frames with the host's clock */
         uint64_t id;
         int64_t t_ns, arrival_ns;
         /* numbers against sets */
         bool numbered;
         int64_t offset;       /* instant - id */
-        int64_t last_instant; /* that it was a member of */
-        int64_t doubt;        /* instants that it disagreed by in the last set */
+        int64_t last_instant; /* last instant that it was a member of */
+        int64_t doubt;        /* its disagreement in the last set, in instants */
         int64_t away;         /* instants without it, before it disagreed */
         /* window: t0 .. t0 + window */
         int64_t t0;
-        uint64_t id0, frames, far; /* far: its clock is nowhere near the others' */
-        int64_t periods;           /* rounded intervals; -1: one was no multiple */
+        uint64_t id0, frames, far; /* far: frames whose time was far from the others' */
+        int64_t periods;           /* sum of rounded intervals; -1: one was not a multiple */
         double cos, sin;           /* of the phase */
         unsigned phases;
         int64_t far_ns;
-        /* windows gone by */
+        /* past windows */
         struct {
             int64_t t_ns;
             double phase_ns; /* unwrapped */
         } walk[CAP_WALK_WINDOWS];
-        unsigned n_walk, walk_head, n_sure; /* sure: in a row, no map was being learnt */
+        unsigned n_walk, walk_head, n_sure; /* sure: windows in a row in which every map was known */
         struct cap_rate rate;
-        bool rate_by_host;        /* its stamps are the host's */
+        bool rate_by_host;        /* the rate's stamps are the host's */
         int64_t rate_odd_mono_ns; /* when its rate was last found odd, by arrival; 0 = never */
         /* for a report; NAN = not known */
         double phase_ns, walk_ns_per_s, hz;
@@ -73,11 +73,11 @@ void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_para
                         const struct cap_sink *counts,
                         void (*detail)(void *ctx, uint32_t camera, enum cap_count what,
                                        const char *text));
-/* Every good frame, its exposure mapped, in order of arrival. */
+/* To be called for every good frame with a mapped exposure time, in order of arrival. */
 void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f);
-/* Every set given out. */
+/* To be called for every set given out. */
 void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s);
-/* The camera was started anew, or its clock jumped: nothing of before counts. */
+/* The camera was started again, or its clock jumped: its past no longer counts. */
 void cap_syncwatch_restart(struct cap_syncwatch *w, uint32_t camera);
 /* The clock of the exposure times was stepped. */
 void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns);
