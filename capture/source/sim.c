@@ -22,23 +22,23 @@ struct faults {
     double drop;               /* share of frames that are never delivered */
     double jitter_us;          /* each frame is delivered up to this much late */
     int64_t freeze;            /* 1: the same image and stamp for ever */
-    int64_t die_after;         /* frames after each start, then the camera reports that it is gone */
+    int64_t die_after;         /* frames after each start, then the camera reports its loss */
     int64_t silent_after;      /* frames after each start, then no more frames and no report */
     int64_t short_every;       /* each n-th frame claims fewer bytes than it should have */
     int64_t end_after;         /* frames, then the sequence is finished */
     int64_t absent;            /* 1: cannot be opened */
     /* The faults below, and drop, freeze and short_every, act only between these times, s since 1970. */
     double from, to;
-    double incomplete;   /* share of frames that arrive with parts missing */
-    double rate;         /* its own rate over fps: 0.5 = every other, 0.999 = it runs by itself */
-    double phase_us;     /* it exposes this much after the others */
-    double clock_jump_s; /* its clock is this far off */
-    double host_step_s;  /* the host's time of day was changed by this */
-    int64_t silent;      /* 1: no frames come */
-    int64_t gone;        /* 1: connection lost, cannot be opened */
-    int64_t slip;        /* its numbers are this many ahead of its pictures */
-    int64_t miss_every;  /* each n-th picture is neither exposed nor numbered */
-    int64_t wide_every;  /* each n-th frame has another size than the camera's */
+    double incomplete;    /* share of frames that arrive with parts missing */
+    double rate;          /* its own rate over fps: 0.5 = every other, 0.999 = it runs by itself */
+    double phase_us;      /* it exposes this much after the others */
+    double clock_jump_s;  /* its clock is this far off */
+    double host_step_s;   /* the host's time of day was changed by this */
+    int64_t silent;       /* 1: no frames come */
+    int64_t gone;         /* 1: connection lost, cannot be opened */
+    int64_t slip;         /* its numbers are this many ahead of its pictures */
+    int64_t miss_every;   /* each n-th picture is neither exposed nor numbered */
+    int64_t wide_every;   /* each n-th frame has another size than the camera's */
     int64_t other_format; /* 1: the frame claims another pixel format */
     int64_t hold;         /* this many of its buffers are held, as by a consumer that is too slow */
     double open_ms;       /* opening takes this long */
@@ -57,7 +57,8 @@ struct sim {
     uint64_t rng;
     struct cap_frame *held[HOLD_MAX];
     int64_t n_held;
-    int64_t trigger_real_ns; /* time of a trigger not yet served, 0 = none; under the player's lock */
+    int64_t
+        trigger_real_ns; /* time of a trigger not yet served, 0 = none; under the player's lock */
 };
 
 /* ---- options ---------------------------------------------------------------------------------- */

@@ -162,7 +162,7 @@ struct cap_health {
     char ptp[16];         /* "Slave", "Master", "Uncalibrated" ...; "" = no PTP, or it is off */
     double ptp_offset_ns; /* from the master */
     double link_mbps;
-    uint64_t packets_resent, packets_missing; /* since start: arrived after a request; never arrived */
+    uint64_t packets_resent, packets_missing; /* since start: arrived on request; never arrived */
     /* IPv4, host order: the camera's, and the broadcast address for commands to all cameras of its network;
      * 0 = not a network camera */
     uint32_t address, broadcast;
@@ -196,8 +196,7 @@ enum cap_clock {
 typedef struct cap_source cap_source;
 struct cap_source_ops {
     const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
-    bool
-        recorded; /* stamps follow from frame numbers: no clock is mapped, and the first frame is good */
+    bool recorded; /* stamps follow from frame numbers: no clock to map, the first frame is good */
     enum cap_clock clock;
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);

@@ -5,7 +5,7 @@
 
 #include "base/clock.h"
 
-#define MOVED_NS     (5.0 * (double)PVX_NS_PER_MS) /* a frame this far below the line: new envelope */
+#define MOVED_NS     (5.0 * (double)PVX_NS_PER_MS)   /* this far below the line: a new envelope */
 #define JUMP_NS      (100.0 * (double)PVX_NS_PER_MS) /* this far off: the camera's clock jumped */
 #define EARLY_NS     (2.0 * (double)PVX_NS_PER_S)    /* the same before there is a line */
 #define MAX_BOUND_NS (10 * PVX_NS_PER_MS)

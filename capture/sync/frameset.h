@@ -51,9 +51,8 @@ struct cap_tap {
 struct cap_assembler_params {
     uint32_t cameras;
     int64_t tolerance_ns; /* 0 = a quarter of the period; must be less than half of it */
-    int64_t
-        max_wait_ns;   /* 0 = 150 ms; WAIT: 500 ms (needs enough buffers: frames are held meanwhile) */
-    int64_t period_ns; /* nominal, from fps; 0 = unknown (then tolerance must be given) */
+    int64_t max_wait_ns;  /* 0 = 150 ms; WAIT: 500 ms (frames are held meanwhile: needs buffers) */
+    int64_t period_ns;    /* nominal, from fps; 0 = unknown (then tolerance must be given) */
     enum cap_policy policy;
     uint32_t min_cameras; /* PARTIAL, WAIT: fewer are dropped */
 };

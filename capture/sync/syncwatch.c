@@ -139,8 +139,7 @@ static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_came
         return true;
     double error = scatter * sqrt(n / ((n - 2) * sxx)) * x[n - 1];
     return n <= k->n_sure && change > WALK_NS + known &&
-           change > cap_rate_quantile(n - 2) * error &&
-           change > 8 * scatter; /* a step gives 6 */
+           change > cap_rate_quantile(n - 2) * error && change > 8 * scatter; /* a step gives 6 */
 }
 
 /* Tries few and many of the last windows: a walk may have begun a moment ago, or be slow. */

@@ -59,7 +59,7 @@ struct cap_syncwatch {
             int64_t t_ns;
             double phase_ns; /* unwrapped */
         } walk[CAP_WALK_WINDOWS];
-        unsigned n_walk, walk_head, n_sure; /* sure: windows in a row in which every map was known */
+        unsigned n_walk, walk_head, n_sure; /* sure: windows in a row with all maps known */
         struct cap_rate rate;
         bool rate_by_host;        /* the rate's stamps are the host's */
         int64_t rate_odd_mono_ns; /* when its rate was last found odd, by arrival; 0 = never */

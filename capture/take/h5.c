@@ -14,7 +14,7 @@ const char *const cap_take_why_names[CAP_TAKE_N_WHY] = {
 
 static void once(void)
 {
-    /* Files are closed by their owners.  At exit libhdf5 would try again to write what could not be. */
+    /* Their owners close files.  At exit, libhdf5 would try again to write what could not be written. */
     H5dont_atexit();
 }
 

@@ -14,7 +14,7 @@
 
 #define TEXT_MAX (4u << 20)
 #define META     (256u << 10)
-#define SMALL    64u        /* what is smaller is part of something larger */
+#define SMALL    64u        /* smaller pieces are part of larger ones: not aligned */
 #define ROOM     (4u << 20) /* for all metadata between two reservations, and for closing */
 
 hid_t take_h5_access(hsize_t align)
@@ -24,7 +24,7 @@ hid_t take_h5_access(hsize_t align)
     H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG); /* closes what is open in it */
     H5Pset_meta_block_size(fapl, META);
     H5Pset_alignment(fapl, SMALL, align);
-    /* A reader that holds a lock must not keep the file from being closed; it is ours alone (O_EXCL). */
+    /* No locks: a reader's lock must not prevent the closing of the file, and no other process writes it (O_EXCL). */
     H5Pset_file_locking(fapl, 0, 1);
     return fapl;
 }
@@ -33,7 +33,7 @@ pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const char *path, ui
                         struct pvx_diag *d)
 {
     hsize_t now = 0;
-    H5Fget_filesize(file, &now); /* with what it has not written yet */
+    H5Fget_filesize(file, &now); /* includes data not written yet */
     uint64_t want = now + bytes + ROOM;
     if (want <= r->reserved)
         return PVX_OK;
@@ -225,7 +225,7 @@ bool take_h5_looks(const char *path, uint64_t *bytes)
     unsigned char got[8];
     struct stat st;
     int fd = -1;
-    /* a named pipe whose writer never comes is not waited for */
+    /* does not wait for the writer of a named pipe, which may never come */
     bool ok = pvx_file_open(path, &fd, NULL) == PVX_OK && read(fd, got, 8) == 8 &&
               memcmp(got, magic, 8) == 0 && fstat(fd, &st) == 0 && S_ISREG(st.st_mode);
     *bytes = ok ? (uint64_t)st.st_size : 0;
@@ -242,7 +242,7 @@ hid_t take_h5_open(const char *path)
     H5Pset_libver_bounds(fapl, H5F_LIBVER_EARLIEST, H5F_LIBVER_LATEST);
     H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG);
     H5Pset_file_locking(fapl, 0, 1);        /* no lock keeps a process from closing it */
-    H5Pset_metadata_read_attempts(fapl, 3); /* more would wait for what was cut off */
+    H5Pset_metadata_read_attempts(fapl, 3); /* more would wait for parts that were cut off */
     hid_t f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
     if (f < 0)
         f = H5Fopen(path, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, fapl);

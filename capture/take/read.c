@@ -14,7 +14,7 @@
 #include "base/mem.h"
 #include "capture/take/piece.h"
 
-#define SQUEEZE   1100 /* gzip, if the file was repacked with it, makes no more of a byte */
+#define SQUEEZE   1100 /* largest ratio of gzip, for a file that was repacked with it */
 #define ROW_SLACK 65536
 
 static pvx_err read_wrong(const struct piece *p, struct pvx_diag *d, const char *what)
@@ -26,8 +26,8 @@ static pvx_err read_wrong(const struct piece *p, struct pvx_diag *d, const char 
 
 /* ---- tables ---- */
 
-/* All rows that can be read, from the first; *n = how many.  rows * size bytes, owner: caller; NULL = no
- * memory, or more rows than the file can have. */
+/* All rows up to the first chunk that cannot be read; *n = how many.  Owner: caller.  NULL = no memory, or more rows
+ * than the file can have. */
 static void *read_table(const struct piece *p, hid_t set, hid_t type, int rank, hsize_t width,
                         size_t size, uint64_t *n)
 {
@@ -68,7 +68,7 @@ static pvx_err take_read_gaps(struct piece *p, struct pvx_diag *d)
 
 /* ---- cameras ---- */
 
-/* Times that can be subtracted from each other, and played in turns (source.c). */
+/* Whether ns can be subtracted from other times, and repeated in turns (source.c), without overflow. */
 static bool is_time(int64_t ns)
 {
     return ns >= 0 && ns <= INT64_MAX / 2;
@@ -91,8 +91,8 @@ static bool has_pixels(const struct piece *p, uint32_t camera, uint64_t row, voi
     return piece_fetch(p, camera, row, mem) && piece_is(p, camera, row, mem, &img);
 }
 
-/* Rows lie before their pixels, so a cut takes the pixels of a camera's last frames first: those are left
- * out.  Pixels are appended in order, so the first frame without is found by halving. */
+/* Rows lie before their pixels, so a cut takes the pixels of a camera's last frames first.  These frames are left
+ * out.  Pixels are appended in order, so bisection finds the first frame without pixels. */
 static pvx_err leave_out_cut_frames(struct piece *p, uint32_t camera, struct pvx_diag *d)
 {
     struct piece_camera *k = &p->camera[camera];
@@ -102,7 +102,7 @@ static pvx_err leave_out_cut_frames(struct piece *p, uint32_t camera, struct pvx
     if (mem == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a frame of %zu bytes", p->path,
                         k->largest);
-    uint64_t good = 0, bad = k->c.frames; /* those before `good` have theirs, `bad` has not */
+    uint64_t good = 0, bad = k->c.frames; /* frames before `good` have pixels, `bad` has none */
     if (bad > 0 && has_pixels(p, camera, bad - 1, mem))
         good = bad;
     while (good < bad) {
@@ -250,8 +250,8 @@ static bool set_is_whole(const struct piece *p, const struct cap_take_set *s, co
     return n == s->n && mask == s->mask;
 }
 
-/* Sets count up; those that are not whole are left out.  At the end of a file that was cut that is what
- * the cut took; anywhere else it is damage. */
+/* Keep the sets that are whole and whose numbers increase.  Sets left out at the end of a cut file were lost by the
+ * cut; anywhere else they are damaged. */
 static void keep_whole_sets(struct piece *p, uint64_t rows)
 {
     uint32_t n = p->head.n_cameras;
@@ -318,7 +318,7 @@ static pvx_err take_read_head(struct piece *p, struct pvx_diag *d)
         !take_h5_get_attr(p->file, "session", H5T_NATIVE_UINT64, 8, &h->session) ||
         !take_h5_get_attr(p->file, "fps", H5T_NATIVE_DOUBLE, 8, &h->fps) || !isfinite(h->fps))
         return read_wrong(p, d, "an attribute of the head");
-    /* older takes do not say these */
+    /* older takes do not have these */
     take_h5_get_int(p->file, "t_began_ns", &h->t_began_ns);
     p->goes_on = take_h5_get_int(p->file, "goes_on", &goes_on) && goes_on == 1;
     p->closed = take_h5_get_int(p->file, "closed", &closed) && closed == 1;
@@ -392,7 +392,7 @@ void piece_free(struct piece **pp)
 void piece_shut(struct piece *p)
 {
     if (p->file >= 0)
-        H5Fclose(p->file); /* with all that is open in it */
+        H5Fclose(p->file); /* closes all objects in it too */
     p->file = -1;
     for (int c = 0; p->camera != NULL && c < CAP_MAX_CAMERAS; c++)
         p->camera[c].frames = -1;

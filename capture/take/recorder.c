@@ -18,9 +18,9 @@
 
 #define N_GAPS     1024
 #define STUCK_NS   (10 * PVX_NS_PER_S) /* half of what the service manager waits (TimeoutStopSec) */
-#define HURRY_NS   (5 * PVX_NS_PER_S)  /* the capture stops first: both must fit */
+#define HURRY_NS   (5 * PVX_NS_PER_S)  /* the capture stops first: both must fit in that */
 #define LOOK_NS    (5 * PVX_NS_PER_MS)
-#define SPACE_MORE (32u << 20) /* rows, and what others write meanwhile */
+#define SPACE_MORE (32u << 20) /* for rows, and for other programs that write meanwhile */
 
 const char *const cap_recorder_state_names[] = {"idle", "recording", "ended", "failed"};
 
@@ -36,17 +36,17 @@ struct cap_recorder {
     pthread_cond_t filled, room, wake; /* writer; lossless tap; syncer */
     struct item *ring;                 /* [size] */
     unsigned size, head, len;
-    unsigned sets;                  /* that wait; at most CAP_RECORDER_QUEUE_MAX */
-    unsigned held[CAP_MAX_CAMERAS]; /* frames of each camera that wait; at most cfg.queue */
-    int64_t until_ns;               /* lossless: so long the tap waits for room, mono */
-    bool stopping;                  /* nothing more is let in; the writer empties the ring */
-    bool written;                   /* the writer is through */
+    unsigned sets;                  /* waiting sets; at most CAP_RECORDER_QUEUE_MAX */
+    unsigned held[CAP_MAX_CAMERAS]; /* waiting frames of each camera; at most cfg.queue */
+    int64_t until_ns;               /* lossless: the tap waits for room until then, mono */
+    bool stopping;                  /* the ring takes nothing more; the writer empties it */
+    bool written;                   /* the writer has finished */
     struct about {
         char serial[CAP_SERIAL_MAX];
         double temperature_c;
     } about[CAP_MAX_CAMERAS];
-    struct cap_take_gap run[CAP_MAX_CAMERAS]; /* open: frames > 0 */
-    struct cap_take_gap gap[N_GAPS];          /* closed, to be written */
+    struct cap_take_gap run[CAP_MAX_CAMERAS]; /* open gaps: frames > 0 */
+    struct cap_take_gap gap[N_GAPS];          /* closed gaps, to be written */
     unsigned n_gaps;
     struct cap_recorder_stats stats;
     int64_t t0_mono_ns, t1_mono_ns;
@@ -54,8 +54,8 @@ struct cap_recorder {
     int fd;           /* for syncing and free space */
     int old_fd;       /* of the take before, not synced yet; -1 = none */
     bool threads;     /* to be joined */
-    bool stuck;       /* was waited for in vain */
-    bool syncer_done; /* as written, of the other thread */
+    bool stuck;       /* the wait for the threads has timed out */
+    bool syncer_done; /* the syncer has finished */
     pthread_t writer, syncer;
     /* the writer thread's */
     cap_take_writer *take;
@@ -67,7 +67,7 @@ struct cap_recorder {
 
 /* ---- the tap: the assembler's thread ---- */
 
-/* All of these under the lock. */
+/* These functions are called under the lock. */
 static bool recording(const cap_recorder *r)
 {
     return r->stats.state == CAP_REC_RUNNING && !r->stopping;
@@ -78,8 +78,8 @@ static bool has_camera(const struct item *it, uint32_t c)
     return it->set != NULL ? it->set->frame[c] != NULL : it->stray->camera == c;
 }
 
-/* A frame without a set takes no place from other cameras.  Sets of a few cameras each could wait in
- * larger numbers than frames of one camera: set structs are the live sets' too. */
+/* A frame without a set takes no room from other cameras.  Sets are limited too: sets of a few cameras each could be
+ * more than cfg.queue allows frames of one camera, and the live sets need set structs. */
 static bool recorder_fits(const cap_recorder *r, const struct item *it)
 {
     if (it->set != NULL && r->sets >= CAP_RECORDER_QUEUE_MAX)
@@ -142,7 +142,7 @@ static void end_gap(cap_recorder *r, uint32_t camera)
     r->run[camera] = (struct cap_take_gap){0};
 }
 
-/* Here, not in the writer's thread: that may outlive the source that is asked. */
+/* Called by the tap, not by the writer's thread, which may outlive the source that is asked. */
 static void ask_about(cap_recorder *r, const struct cap_set *s)
 {
     struct cap_health h;
@@ -222,7 +222,7 @@ static size_t recorder_bytes_of(const struct item *it, uint32_t n_cameras)
     return n;
 }
 
-/* Looked at before a set is written, so that the take can still be ended in order. */
+/* Checked before a set is written, so that the take can still be ended in order. */
 static pvx_err recorder_has_space(const cap_recorder *r, size_t bytes, struct pvx_diag *d)
 {
     if (r->cfg.limit_bytes > 0 && cap_take_bytes(r->take) + bytes > r->cfg.limit_bytes)
@@ -292,7 +292,7 @@ static void sync_take(const cap_recorder *r, int fd)
         LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->first, strerror(errno));
 }
 
-/* The take before is synced and closed by the syncer, which may wait. */
+/* Leave syncing and closing of the take before to the syncer, which may wait. */
 static void recorder_put_aside(cap_recorder *r, int fd)
 {
     pthread_mutex_lock(&r->lock);
@@ -308,12 +308,12 @@ static void recorder_put_aside(cap_recorder *r, int fd)
 static bool may_roll(cap_recorder *r, int64_t now)
 {
     pthread_mutex_lock(&r->lock);
-    bool behind = r->old_fd >= 0; /* the disk has not even taken the take before */
+    bool behind = r->old_fd >= 0; /* the take before is still not synced */
     pthread_mutex_unlock(&r->lock);
     return r->cfg.roll_ns > 0 && now >= r->t_roll_ns && !behind && cap_take_bytes(r->take) > 0;
 }
 
-/* Item by item: the next one is this take's last or another's first. */
+/* Called before each item: begin the next take if it is time. */
 static pvx_err recorder_roll(cap_recorder *r, struct pvx_diag *d)
 {
     int64_t now = pvx_now_mono();
@@ -346,7 +346,7 @@ static pvx_err recorder_roll(cap_recorder *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Next item; false: there will be none. */
+/* Wait for the next item.  False: there will be none. */
 static bool recorder_next(cap_recorder *r, struct item *it)
 {
     pthread_mutex_lock(&r->lock);
@@ -371,7 +371,7 @@ static void done_with(cap_recorder *r, struct item it)
     recorder_give_back(it);
 }
 
-/* Nothing more comes in; gaps that are still open end here. */
+/* Let nothing more in, and end the gaps that are still open. */
 static void shut(cap_recorder *r)
 {
     pthread_mutex_lock(&r->lock);
@@ -405,7 +405,8 @@ static void recorder_finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
               pvx_diag_text(d, e));
 }
 
-/* Frames that waited when the recording ended by itself: the take says so as far as it still can. */
+/* The frames of an item that waited when the recording ended by itself become gaps, as far as the take can still
+ * list them. */
 static void lose(cap_recorder *r, const struct item *it)
 {
     pthread_mutex_lock(&r->lock);
@@ -437,8 +438,8 @@ static void *write_loop(void *arg)
     return NULL;
 }
 
-/* Writing back is begun all the time, so that the disk is never far behind, in a thread that may wait; and once
- * more when the take is closed. */
+/* Syncs the take every sync_ns, so that the disk is never far behind, and once more when the take is closed.  It has
+ * its own thread because it may wait. */
 static void *sync_loop(void *arg)
 {
     cap_recorder *r = arg;
@@ -478,7 +479,7 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
     r->cfg = *c;
     r->until_ns = INT64_MAX;
     r->fd = r->old_fd = -1;
-    r->size = c->queue * c->n_cameras; /* as many as held[] lets in */
+    r->size = c->queue * c->n_cameras; /* as many as held[] allows */
     r->ring = pvx_calloc(r->size, sizeof *r->ring);
     if (r->ring == NULL) {
         free(r);
@@ -492,7 +493,7 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
     return PVX_OK;
 }
 
-/* Both threads are through.  As long as sets are written that is waited for. */
+/* Wait until both threads have finished; false: they have not.  As long as sets are written, the wait goes on. */
 static bool come_home(cap_recorder *r, int64_t wait_ns)
 {
     pthread_mutex_lock(&r->lock);
@@ -512,8 +513,8 @@ static bool come_home(cap_recorder *r, int64_t wait_ns)
     return home;
 }
 
-/* The threads of a recording that has ended by itself are still to be joined.  false: a disk that does not
- * answer holds one in the kernel, where nothing reaches it; it keeps what it uses. */
+/* Join the threads, which a recording that ended by itself still needs.  False: a disk that does not answer holds a
+ * thread in the kernel, where it cannot be stopped.  That thread keeps the memory that it uses. */
 static bool recorder_join(cap_recorder *r)
 {
     if (!r->threads)
@@ -546,7 +547,7 @@ static pvx_err may_begin(const cap_recorder *r, const char *path, struct pvx_dia
             slash[slash == dir] = '\0'; /* "/" stays */
     } while (statvfs(dir, &v) != 0 && errno == ENOENT && slash != NULL && slash != dir);
     if (statvfs(dir, &v) != 0)
-        return PVX_OK; /* making it says why */
+        return PVX_OK; /* the reason comes when the file is made */
     uint64_t have = (uint64_t)v.f_bavail * v.f_frsize, want = SPACE_MORE + r->cfg.keep_free_bytes;
     if (have >= want)
         return PVX_OK;
@@ -572,7 +573,7 @@ static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* A recording that did not come to run: what the tap has put in meanwhile goes back, the file goes. */
+/* Undo a start that failed: release what the tap has put in meanwhile, and remove the file. */
 static void undo_start(cap_recorder *r, pvx_err e, const struct pvx_diag *d)
 {
     shut(r);
@@ -695,7 +696,7 @@ void cap_recorder_free(cap_recorder **rp)
     if (r == NULL)
         return;
     *rp = NULL;
-    if (r->threads && (!r->stuck || come_home(r, 0))) /* not twice */
+    if (r->threads && (!r->stuck || come_home(r, 0))) /* do not wait twice */
         cap_recorder_stop(r, NULL);
     if (r->threads) {
         LOG_W(CAPTURE, "%s: the disk does not answer; what records is left behind", r->first);

@@ -25,15 +25,15 @@
 #define SPEED_MIN 1e-3
 #define SPEED_MAX 1e3
 
-/* A file that is open, and its time line. */
+/* An open file and its time line. */
 struct shared {
     char *path;
     cap_take *take;
     unsigned users;
     bool running;
     int64_t start_mono_ns;    /* the first set is due */
-    int64_t came_ns, pace_ns; /* arrival of the first set (mono); of a turn: to the next, > 0 */
-    int64_t length_ns;        /* the same in exposures, > 0 */
+    int64_t came_ns, pace_ns; /* arrival of the first set (mono); from turn to turn, > 0 */
+    int64_t length_ns;        /* from turn to turn in exposure times, > 0 */
     uint64_t first, count;    /* number of the first set; numbers of a turn */
     struct shared *next;
 };
@@ -53,8 +53,8 @@ struct source {
 
 /* ---- the file ---- */
 
-/* A turn whose sets begin `span` apart lasts one interval more.  Times are at most INT64_MAX / 2, and so
- * is a span (read.c). */
+/* Length of a turn: the span from its first to its last set, plus one mean interval.  Times are at most
+ * INT64_MAX / 2, and so is a span (read.c). */
 static int64_t turn_of(int64_t span, uint64_t sets)
 {
     return span > 0 ? span + span / (int64_t)(sets - 1) : PVX_NS_PER_S;
@@ -149,7 +149,7 @@ static int64_t start_of(struct shared *s)
 
 /* ---- thread ---- */
 
-/* Read into a buffer; NULL: left out, and counted, or stopped. */
+/* Read a frame into a buffer.  NULL: it is left out and counted, or stop. */
 static struct cap_frame *source_load(struct source *p, uint64_t row)
 {
     struct cap_frame *f = cap_player_get(&p->player);
@@ -169,7 +169,7 @@ static struct cap_frame *source_load(struct source *p, uint64_t row)
     return NULL;
 }
 
-/* When a row is due, mono. */
+/* Mono time when a row is due. */
 static int64_t source_due(struct source *p, const struct cap_take_row *r, int64_t turns_ns)
 {
     double after = (double)(r->t_arrival_mono_ns - p->file->came_ns + turns_ns) / p->speed;
@@ -177,14 +177,14 @@ static int64_t source_due(struct source *p, const struct cap_take_row *r, int64_
     return start_of(p->file) + wait;
 }
 
-/* Turn `turn` has times that can be told. */
+/* Whether the times of turn `turn` do not overflow. */
 static bool can_tell(const struct shared *s, uint64_t turn)
 {
     int64_t most = s->length_ns > s->pace_ns ? s->length_ns : s->pace_ns;
     return turn <= (uint64_t)(INT64_MAX / 2 / most);
 }
 
-/* One frame of turn `turn`; false = stop. */
+/* Play one frame of turn `turn`; false = stop. */
 static bool source_play(struct source *p, uint64_t turn, uint64_t row,
                         const struct cap_take_set *set, uint64_t *good)
 {
@@ -211,7 +211,7 @@ static bool source_play(struct source *p, uint64_t turn, uint64_t row,
     return true;
 }
 
-/* A turn through the sets; false = stop. */
+/* Play one turn through the sets; false = stop. */
 static bool play_all(struct source *p, uint64_t turn, uint64_t *good)
 {
     const cap_take *t = p->file->take;
@@ -239,7 +239,7 @@ static void *source_run(void *arg)
         uint64_t good = 0;
         if (!play_all(p, turn, &good))
             return NULL;
-        if (!p->loop || good == 0) /* another turn without a frame would be for nothing */
+        if (!p->loop || good == 0) /* a turn without frames is not repeated */
             break;
     }
     cap_player_event(&p->player, CAP_EV_END);

@@ -1,7 +1,7 @@
 /* take.c - the reading half of take.h: the files of a recording that rolled over, as one take.
  *
- * All their tables are in memory with continuous numbers: indices in `member` are those of the whole take.  Few of the
- * files are open at a time, because libhdf5 keeps some MB for each. */
+ * All their tables are in memory with continuous numbers: indices in `member` are those of the whole take.  Few files
+ * are open at a time, because libhdf5 keeps some MB for each. */
 #include <dirent.h>
 #include <limits.h>
 #include <malloc.h>
@@ -37,9 +37,9 @@ struct cap_take {
 
 /* ---- which files ---- */
 
-/* Files of a recording beside its first. */
+/* The files of a recording except its first. */
 struct others {
-    char first[PATH_MAX]; /* where a link leads */
+    char first[PATH_MAX]; /* path of the first file; of a link, its target */
     unsigned *number;     /* ascending, 2 and more */
     size_t n;
 };
@@ -57,7 +57,7 @@ static int take_by_number(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* 0: `name` is no file of the recording. */
+/* Number of the file `name` in the recording; 0 = it is not part of it. */
 static unsigned take_number_of(const struct others *o, const char *name)
 {
     char path[PATH_MAX];
@@ -106,9 +106,9 @@ static pvx_err find_others(const char *path, struct others *o)
     return e;
 }
 
-/* ---- one take of them ---- */
+/* ---- joining the files to one take ---- */
 
-/* Without memory the note is lost, nothing else. */
+/* Without memory only the note is lost. */
 __attribute__((format(printf, 2, 3))) static void note(cap_take *t, const char *fmt, ...)
 {
     va_list ap;
@@ -127,7 +127,7 @@ static bool is_first(const struct piece *p)
     return p->head.t_began_ns == 0 || p->head.t_began_ns == p->head.t_created_ns;
 }
 
-/* NULL: the piece goes on where the take ends. */
+/* Why the piece does not continue the take; NULL: it does. */
 static const char *not_of_it(const cap_take *t, const struct piece *p)
 {
     const struct cap_take_head *a = &t->info.head, *b = &p->head;
@@ -144,7 +144,8 @@ static const char *not_of_it(const cap_take *t, const struct piece *p)
     return NULL;
 }
 
-/* A camera that sends other pictures than before: as where that happens within a file, its sets are without it. */
+/* Leave out of a piece a camera whose pictures differ from those before in size or format.  The piece's sets are then
+ * without it, as when this happens within a file. */
 static pvx_err leave_out_camera(cap_take *t, struct piece *p, uint32_t c)
 {
     struct piece_camera *k = &p->camera[c];
@@ -206,7 +207,7 @@ static pvx_err take_add_camera(cap_take *t, struct piece *p, uint32_t c)
     return PVX_OK;
 }
 
-/* The piece is the take's in any case. */
+/* Takes ownership of the piece in any case. */
 static pvx_err take_add(cap_take *t, struct piece *p)
 {
     struct cap_take_info *i = &t->info;
@@ -241,7 +242,7 @@ static pvx_err take_add(cap_take *t, struct piece *p)
     return PVX_OK;
 }
 
-/* Sets of which nothing is known, between the last of the take and the first of the piece. */
+/* Count and note the sets that are lost between the last set of the take and the first of the piece. */
 static void lose_between(cap_take *t, const struct piece *p)
 {
     if (t->info.sets == 0 || p->sets == 0)
@@ -254,7 +255,7 @@ static void lose_between(cap_take *t, const struct piece *p)
          (unsigned long long)next - 1);
 }
 
-/* Files [from, to] are not there. */
+/* Note that the files [from, to] are missing. */
 static void take_note_missing(cap_take *t, const struct others *o, unsigned from, unsigned to)
 {
     char a[PATH_MAX], b[PATH_MAX];
@@ -266,10 +267,11 @@ static void take_note_missing(cap_take *t, const struct others *o, unsigned from
         note(t, "%s to %s: are missing", a, b);
 }
 
-/* The others that are of the recording.  Last in the take is file `last`; *broken: one behind it cannot be read. */
+/* Add the other files of the recording.  *last: number of the last file in the take.  *broken: a file after it cannot
+ * be read. */
 static pvx_err add_others(cap_take *t, const struct others *o, unsigned *last, bool *broken)
 {
-    size_t since = 0; /* the first behind `last` */
+    size_t since = 0; /* index of the first file after `last` */
     for (size_t i = 0; i < o->n; i++) {
         char path[PATH_MAX];
         struct pvx_diag d = {""};
@@ -389,7 +391,7 @@ void cap_take_free(cap_take **tp)
     free(t);
 }
 
-/* ---- what others ask ---- */
+/* ---- the tables ---- */
 
 const struct cap_take_info *cap_take_info(const cap_take *t)
 {
@@ -415,7 +417,7 @@ int cap_take_find(const cap_take *t, const char *camera)
     return -1;
 }
 
-/* The piece that has a row of one of the tables: the last that begins at it or before. */
+/* The piece that has this row of a table: the last piece that begins at or before the row. */
 static struct piece *take_piece_of(const cap_take *t, int table, uint64_t row)
 {
     uint64_t lo = 0, hi = t->info.pieces;
@@ -481,12 +483,12 @@ void cap_take_only(cap_take *t, uint64_t first, uint64_t end)
         for (uint32_t c = 0; c < p->head.n_cameras; c++)
             PVX_FREE(p->camera[c].row);
     }
-    malloc_trim(0); /* tables of short files lie among others */
+    malloc_trim(0); /* small tables lie between other blocks, so libc would keep their pages */
 }
 
 /* ---- pixels ---- */
 
-/* Under the lock: the file is open, another may be closed for it. */
+/* Open the piece's file, if it is closed; another may be closed for it.  Under the lock. */
 static void take_reach(const cap_take *t, struct piece *p)
 {
     struct open_files *o = t->open;

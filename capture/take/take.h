@@ -47,7 +47,7 @@ struct cap_take_set {
     uint32_t n, pad;
     uint64_t check; /* XXH3-64 of the row up to here, then of its members */
 };
-/* Frames of one camera, one after the other, that could not be recorded. */
+/* Successive frames of one camera that could not be recorded. */
 struct cap_take_gap {
     uint32_t camera, why;
     uint64_t frames, id_first, id_last;
@@ -55,12 +55,12 @@ struct cap_take_gap {
     int64_t t_first_ns, t_last_ns;
 };
 
-/* One camera of a take.  To the writer: name, uri, settings; the rest by frames and cap_take_about. */
+/* One camera of a take.  The writer gets name, uri and settings here, the rest from frames and cap_take_about. */
 struct cap_take_camera {
     const char *name, *uri;
     const char *serial;   /* "" = not known (cap_health) */
     double temperature_c; /* NAN = not known */
-    const char *settings; /* text, a "name: value" on each line */
+    const char *settings; /* text, one "name: value" per line */
     enum cap_pixfmt fmt;  /* CAP_FMT_NONE: it has sent no frame */
     int32_t width, height;
     uint8_t yuv; /* enum cap_yuv */
@@ -70,7 +70,7 @@ struct cap_take_head {
     const char *rig, *config; /* YAML */
     const char *software;     /* "pyrovoxd 0.1.0" */
     const char *host;
-    const char *base; /* folder that relative names in the configuration start at */
+    const char *base; /* folder of relative names in the configuration */
     uint64_t session; /* of the daemon, as in its volumes */
     int64_t t_created_ns;
     int64_t t_began_ns; /* t_created_ns of the first file; 0 = this is it, or not known */
@@ -82,37 +82,37 @@ struct cap_take_head {
 /* ---- writing ---- */
 
 typedef struct cap_take_writer cap_take_writer;
-/* A new file; its folders are made.  Errors: PVX_EBUSY (it exists), PVX_EPERM, PVX_ENOSPC, PVX_EIO. */
+/* Makes a new file and its folders.  Errors: PVX_EBUSY (it exists), PVX_EPERM, PVX_ENOSPC, PVX_EIO. */
 PVX_MUST_CHECK pvx_err cap_take_create(const char *path, const struct cap_take_head *head,
                                        cap_take_writer **out, struct pvx_diag *d);
-/* All frames of a set, then its row.  Frames that do not fit their camera are left out (a gap UNFIT),
- * the set is then recorded without them. */
+/* Writes all frames of a set, then its row.  Frames that do not fit their camera are left out (a gap UNFIT), and
+ * the set is recorded without them. */
 PVX_MUST_CHECK pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s,
                                         struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err cap_take_put_stray(cap_take_writer *w, const struct cap_frame *f,
                                           enum cap_take_why why, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g,
                                         struct pvx_diag *d);
-/* What camera c says of itself by now; kept until the file is closed, and written with its first frame and then.
- * "" and NAN leave what is known. */
+/* What is now known of a camera.  It is written with the camera's first frame, and again when the file is closed.
+ * "" and NAN keep the value that is known. */
 void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, double temperature_c);
-/* What was put is in the file from now on, whatever becomes of this process. */
+/* From now on everything that was put is in the file, whatever happens to this process. */
 PVX_MUST_CHECK pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d);
-/* The recording goes on in another file, says this one from its close on. */
+/* When this file is closed, mark in it that the recording goes on in another file. */
 void cap_take_goes_on(cap_take_writer *w);
-/* Closes; the take is whole if this says PVX_OK.  The writer is gone in each case. */
+/* Closes the file.  PVX_OK: the take is whole.  The writer is freed in any case. */
 pvx_err cap_take_close(cap_take_writer **w, struct pvx_diag *d);
 uint64_t cap_take_bytes(const cap_take_writer *w); /* of pixels, so far */
 
 /* ---- reading ---- */
 
 typedef struct cap_take cap_take;
-/* Reads everything but the pixels: of NAME.h5, and of the files beside it (where it is a link: beside what it leads to) in
- * which that recording went on.  What is missing, damaged or not of it (another session, rig or cameras, sets that do not go
- * on) is left out and noted, also NAME.h5 itself where it is damaged and others can be read; what follows is read.
- * NAME-0002.h5 is that file alone.  A camera of which one file has pictures of another size or format than those before it
- * is left out of the sets there.
- * Errors: PVX_ENOENT, PVX_EFORMAT (not a take, or damaged so that nothing can be had), PVX_EVERSION, PVX_ENOMEM. */
+/* Reads everything except the pixels, from NAME.h5 and the files beside it in which that recording went on (of a
+ * link: beside its target).  A file is left out and noted if it is missing, damaged or of another recording (another
+ * session, rig or cameras, or sets that do not go on).  This holds for NAME.h5 too, if it is damaged and others can
+ * be read.  The files after it are still read.  NAME-0002.h5 is read as that file alone.
+ * If one file has pictures of a camera in another size or format than before, its sets are without that camera.
+ * Errors: PVX_ENOENT, PVX_EFORMAT (not a take, or too damaged to read anything), PVX_EVERSION, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_take_open(const char *path, cap_take **out, struct pvx_diag *d);
 void cap_take_free(cap_take **t);
 
@@ -120,14 +120,14 @@ struct cap_take_info {
     struct cap_take_head head; /* strings belong to the take */
     uint64_t sets, gaps;
     bool closed; /* the last file ended in order; else it was cut off, or is being recorded */
-    /* Rows of sets that are there, but not all they refer to; and numbers between two files where one is missing. */
+    /* Sets with a row but without all that it refers to, and set numbers between two files if one is missing. */
     uint64_t sets_lost;
     uint64_t pieces; /* files */
-    uint64_t notes;  /* what is not as it was recorded, for people: a line each */
+    uint64_t notes;  /* lines of text about what is not as it was recorded */
 };
 struct cap_take_piece {
     const char *path;
-    uint64_t first, sets; /* of the take's */
+    uint64_t first, sets; /* its first set and number of sets, in the take */
     bool closed;
 };
 struct cap_take_piece cap_take_piece(const cap_take *t, uint64_t k);
@@ -136,16 +136,16 @@ const struct cap_take_info *cap_take_info(const cap_take *t);
 int cap_take_find(const cap_take *t, const char *camera); /* -1 = none of this name */
 /* Set k < sets; member[n_cameras] = row in the camera's list, -1 = missing. */
 const struct cap_take_set *cap_take_set(const cap_take *t, uint64_t k, const int64_t **member);
-/* The k of the set with this number; -1 = there is none, or it is lost. */
+/* The index k of the set with this number; -1 = there is none, or it is lost. */
 int64_t cap_take_find_set(const cap_take *t, int64_t number);
 const struct cap_take_row *cap_take_row(const cap_take *t, uint32_t camera, uint64_t row);
 const struct cap_take_gap *cap_take_gap(const cap_take *t, uint64_t k);
 /* Bytes of the largest frame of a camera: the room that cap_take_read needs. */
 size_t cap_take_frame_max(const cap_take *t, uint32_t camera);
-/* From now on frames of the sets [first, end) are asked for only: what others need is let go, file by file. */
+/* From now on only frames of the sets [first, end) will be read.  Frees, file by file, what only other sets need. */
 void cap_take_only(cap_take *t, uint64_t first, uint64_t end);
-/* Pixels of a frame into mem, and the image that they are.  PVX_ECORRUPT: not what was recorded (cut
- * off, or damaged). */
+/* Reads the pixels of a frame into mem; *img describes them.  PVX_ECORRUPT: they are not what was recorded (cut off,
+ * or damaged). */
 PVX_MUST_CHECK pvx_err cap_take_read(const cap_take *t, uint32_t camera, uint64_t row, void *mem,
                                      size_t size, struct cap_image *img, struct pvx_diag *d);
 #endif

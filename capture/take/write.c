@@ -18,7 +18,7 @@
 #include "base/mem.h"
 #include "capture/take/h5.h"
 
-#define ATTRS 64 /* so many are kept with their group, in one piece */
+#define ATTRS 64 /* up to this many attributes lie with their group, in one piece */
 
 struct camera {
     char *name, *uri, *settings;
@@ -122,7 +122,7 @@ static bool make_attributes(cap_take_writer *w, const struct cap_take_head *h)
            take_h5_put_text(w->file, "host", h->host) &&
            take_h5_put_text(w->file, "software", h->software) &&
            take_h5_put_text(w->file, "base", h->base) &&
-           /* overwritten at the end: a new one would lie behind all pixels, and be cut off first */
+           /* overwritten at the end: new ones would lie behind all pixels and be cut off first */
            take_h5_put_int(w->file, "closed", 0) && take_h5_put_int(w->file, "goes_on", 0) &&
            take_h5_put_int(w->file, "t_closed_ns", 0) && take_h5_put_int(w->file, "n_sets", -1) &&
            take_h5_put_int(w->file, "n_frames", -1) && take_h5_put_int(w->file, "n_gaps", -1) &&
@@ -159,7 +159,7 @@ static bool make_root(cap_take_writer *w, const struct cap_take_head *h)
            take_h5_make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps);
 }
 
-/* Of a length that it may get later. */
+/* The text has room for a longer serial number later. */
 static bool put_about(hid_t at, const struct camera *k)
 {
     hid_t t = H5Tcopy(H5T_C_S1);
@@ -187,7 +187,7 @@ static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
     return ok;
 }
 
-/* Of a format that is known, with all its rows. */
+/* Whether the image has a known format and all its rows. */
 static bool write_is_whole(const struct cap_image *img)
 {
     enum cap_layout layout = cap_pixfmt_layout(img->fmt);
@@ -202,7 +202,7 @@ static bool write_is_whole(const struct cap_image *img)
            !__builtin_add_overflow(need, row, &need) && img->size >= need;
 }
 
-/* The first whole frame of a camera says what it sends. */
+/* Make the tables of a camera, whose first whole frame defines its format. */
 static pvx_err make_camera(cap_take_writer *w, struct camera *k, const struct cap_image *img,
                            struct pvx_diag *d)
 {
@@ -378,7 +378,7 @@ static pvx_err unfit(cap_take_writer *w, const struct cap_frame *f, int64_t set,
     return cap_take_put_gap(w, &g, d);
 }
 
-/* *row = its place in the camera's list, -1 = did not fit. */
+/* *place = index in the camera's list; -1 = the frame did not fit. */
 static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t set, uint32_t why,
                          int64_t *place, struct pvx_diag *d)
 {
@@ -416,7 +416,7 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
     return PVX_OK;
 }
 
-/* All cameras of a set before its first row: making one leaves SWMR mode. */
+/* Make all new cameras of a set before its first row, because making one leaves SWMR mode. */
 static pvx_err make_cameras(cap_take_writer *w, const struct cap_set *s, struct pvx_diag *d)
 {
     for (uint32_t c = 0; c < w->n_cameras; c++)
@@ -481,7 +481,7 @@ pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d)
     return H5Fflush(w->file, H5F_SCOPE_LOCAL) >= 0 ? PVX_OK : write_fail(w, "cannot be written", d);
 }
 
-/* The totals are written when the file has been closed once: it is whole whether they come or not. */
+/* Write the totals after the file has been closed once, so that it is whole even if this fails. */
 static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
 {
     if (!reopen(w))
