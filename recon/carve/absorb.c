@@ -2,8 +2,8 @@
 
 #include <math.h>
 
-#define THIN 1e-4 /* of 1: absorption below this is none */
-#define DIM  0.02 /* the same in bins that are not lit: noise */
+#define THIN 1e-4 /* a smaller absorption counts as none */
+#define DIM  0.02 /* the same for unlit bins, where it is noise */
 
 double rec_absorb_emitted(double c, double seen)
 {

@@ -1,5 +1,5 @@
-/* bands.h - pictures cut into bands of rows, the unit of parallel work on them: as many tasks as cores
- * want, however few the cameras, and a cut that depends on the pictures' height alone.
+/* bands.h - pictures cut into bands of rows, the unit of parallel work on them: enough tasks for the cores, even with
+ * few cameras.  The cut depends on the pictures' height alone.
  * Private to recon/carve. */
 #ifndef REC_BANDS_H
 #define REC_BANDS_H

@@ -13,7 +13,7 @@ struct rec_fit {
     pvx_pool *pool;
     struct rec_hull_params params;
     struct camera {
-        int32_t sw, sh, pool; /* silhouette, and its bins per side of a pooled one */
+        int32_t sw, sh, pool; /* size of the silhouette; its bins per side of a pooled bin */
         uint8_t *lit;
     } camera[REC_MAX_CAMERAS];
     int32_t *col; /* [cells] */
@@ -24,7 +24,7 @@ struct rec_fit {
     uint32_t sets;
 };
 
-/* Raw pixels across one coarse cell in the middle of the volume; 0 when that is not in front. */
+/* Raw pixels across one coarse cell in the middle of the volume; 0 if that is not in front of the camera. */
 static double cell_px(const struct rec_grid *g, const struct rec_camera *c)
 {
     double z = c->t[2], h = INFINITY;
@@ -134,8 +134,8 @@ struct adding {
     const bool *present;
 };
 
-/* Pooled silhouette of one camera.  Bins that reach over the image's edge know less than the others,
- * but the hull lets no edge carve. */
+/* Pooled silhouette of one camera.  Bins that reach over the image's edge hold less information, but the hull never
+ * carves at an edge. */
 static void pool_silhouette(void *ctx, size_t i)
 {
     const struct adding *t = ctx;
@@ -181,7 +181,7 @@ int32_t rec_fit_add(rec_fit *f, const uint8_t *const *lit, const bool *present)
         p.min_views = m;
         rec_hull_carve(f->hull, &p, pooled, present, f->pool, &k);
         if (k.n == 0)
-            break; /* with more views neither */
+            break; /* no hull with more views either */
         add_cells(&f->extent[m], &f->rig.grid, f->col, k.n);
         kept = m == f->params.min_views ? k.n : kept;
     }
@@ -211,7 +211,7 @@ pvx_err rec_fit_get(const rec_fit *f, uint32_t views, double margin, struct rec_
     return PVX_OK;
 }
 
-/* Whole voxels of size h that hold the interval [lo,hi]; a hair over a boundary is not a voxel. */
+/* Number of voxels of size h that hold the interval [lo,hi]; an excess at rounding adds no voxel. */
 static int32_t voxels(double lo, double hi, double h)
 {
     return (int32_t)fmin(REC_GRID_MAX + 1, fmax(1, ceil((hi - lo) / h - 1e-6)));

@@ -2,12 +2,12 @@
  *
  *     B = box around the union of H_t over the frame sets t, grown by a margin               (1)
  *
- * H_t is the visual hull of set t (hull.h) on a coarse grid over the rig's volume, so B holds the
- * flame as surely as the hull does: a cell goes only when a camera that sees all of it sees it dark.
+ * H_t is the visual hull of set t (hull.h) on a coarse grid over the rig's volume.  So B contains the flame
+ * as surely as the hull does: a cell is dropped only if a camera sees all of it and sees it dark.
  * Silhouettes are pooled for it: a pooled bin is lit when any bin of it is.
- * Where few cameras look, a hull is wide: two silhouettes cross in places where no other camera can say
- * no.  So B is kept for every number of views that may be asked for (rec_fit_get).
- * Flame outside the rig's volume is not looked for; `touches` says that there may be some.
+ * With few views a hull is wide: two silhouettes also cross in places that no other camera can exclude.  So B
+ * is kept for every number of views that may be requested (rec_fit_get).
+ * Flame outside the rig's volume is not searched for; `touches` tells that there may be some.
  * Threads: one call per rec_fit at a time.  rec_fit_add allocates nothing. */
 #ifndef REC_FIT_H
 #define REC_FIT_H
@@ -20,7 +20,7 @@
 struct rec_fit_params {
     int32_t cells;      /* along the longest side of the rig's volume, 4..256 */
     int32_t binning;    /* raw pixels per bin side of the silhouettes that will be added */
-    uint32_t min_views; /* least that will be asked for */
+    uint32_t min_views; /* smallest number of views that will be requested */
 };
 #define REC_FIT_DEFAULTS                           \
     {                                              \
@@ -35,14 +35,14 @@ PVX_MUST_CHECK pvx_err rec_fit_new(const struct rec_rig *rig, const struct rec_f
 void rec_fit_free(rec_fit **f);
 
 /* One frame set: lit[c] [height/binning][width/binning] 0/1 of camera c, as rec_photo_apply leaves
- * it; present[c] false: camera c says nothing.  Returns the cells of its hull. */
+ * it; present[c] false: camera c is ignored.  Returns the cells of its hull. */
 int32_t rec_fit_add(rec_fit *f, const uint8_t *const *lit, const bool *present);
 
 struct rec_fit_box {
     double min[3], max[3]; /* m, inside the rig's volume */
-    double cell;           /* m, longest side of a coarse cell: what B may be too large by */
+    double cell;           /* m, longest side of a coarse cell: B may be too large by this */
     unsigned touches;   /* bit 2a: hull reaches the volume's min along axis a; bit 2a+1: its max */
-    uint32_t sets, lit; /* added; with a hull */
+    uint32_t sets, lit; /* sets added; sets with a hull */
 };
 /* (1) of the cells that at least `views` cameras see (min_views .. number of cameras; 0 = min_views).
  * margin [m] on every side, < 0 = one coarse cell.  PVX_ENOENT: no set had a hull; PVX_EINVAL. */

@@ -11,8 +11,8 @@
 #define BRICK  REC_BRICK
 #define VOXELS REC_BRICK_VOXELS
 
-/* Bricks are BRICK^3 voxels, x fastest; a row of them along x is looked at by one task, which counts what it
- * keeps in each of its rows of voxels: then each layer of voxels knows where its own go. */
+/* Bricks are BRICK^3 voxels, x fastest.  One task handles a row of bricks along x and counts the voxels that it keeps
+ * in each of its rows of voxels.  These counts tell each layer of voxels where its part of the list begins. */
 struct rec_hull {
     const rec_sysmat *S;
     int32_t nb[3];
@@ -23,18 +23,18 @@ struct rec_hull {
     uint8_t *column[REC_MAX_CAMERAS]; /* [bands][bw] lit bins of a band's columns */
     struct rec_bands bands;
     struct brick {
-        uint64_t open;  /* cameras whose bins voxels have to look at themselves */
-        uint32_t views; /* the others that see it: all of it, all lit */
+        uint64_t open;  /* cameras in which the single voxels have to be tested */
+        uint32_t views; /* other cameras, which see all of it, all lit */
         bool keep;
     } * brick_state; /* [bricks] */
     uint8_t *klass;  /* [bricks][VOXELS] of what is kept: 1 partial, 2 inside, else 0 */
-    int32_t *at;     /* [n z][n y] voxels kept in a row, then before it */
+    int32_t *at;     /* [n z][n y] voxels kept in a row; later: before the row */
     struct row {
         int64_t inside, partial, cut;
     } * row; /* [rows of bricks] */
 };
 
-/* How many voxels along each axis a brick has in the grid. */
+/* Number of voxels along each axis that a brick has in the grid. */
 struct extent {
     int32_t n[3];
 };
@@ -138,8 +138,8 @@ struct carve {
     uint8_t *brick;
 };
 
-/* A table is a sum over all rows above.  So that its bands can be summed apart from each other, their
- * columns are counted first; a byte holds a band's rows. */
+/* A summed-area table sums over all rows above.  Counting the columns of every band first makes the bands of the
+ * table independent of each other.  A byte can hold the number of rows in a band. */
 static void count_band(void *ctx, size_t task)
 {
     struct carve *t = ctx;
@@ -187,7 +187,7 @@ static void table_band(void *ctx, size_t task)
     }
 }
 
-/* A camera's silhouette; copied, so that no store of a byte can change it. */
+/* A camera's silhouette; a copy, so that no store of a byte can change it. */
 struct view {
     const uint32_t *sat;
     int32_t bw, bh;
@@ -211,15 +211,15 @@ static inline struct seen hull_look(struct view v, struct rec_rect r)
     return (struct seen){lit, area - lit};
 }
 
-/* The image's edge may cut the footprint short: what is beside it is not known, so that its being dark
- * says nothing of the voxel. */
+/* Whether the image's edge may cut the footprint short.  What lies outside is not known, so a dark footprint then
+ * proves nothing about the voxel. */
 static inline bool hull_cut_off(struct view v, struct rec_rect r)
 {
     return (r.x0 == 0) | (r.y0 == 0) | (r.x1 + 1 == v.bw) | (r.y1 + 1 == v.bh);
 }
 
-/* A whole brick: it goes when some camera sees all of it and nothing lit there, or fewer may have flame there than are
- * wanted. */
+/* Tests a whole brick.  It is dropped if some camera sees all of it and nothing lit there, or if fewer than min_views
+ * cameras may see flame there. */
 static struct brick look_at_brick(const struct carve *t, size_t brick)
 {
     const rec_hull *h = t->h;
@@ -242,8 +242,7 @@ static struct brick look_at_brick(const struct carve *t, size_t brick)
     return b;
 }
 
-/* Rule (1) of hull.h for the voxels of a brick, one camera after the other, and without branches that
- * could not be predicted. */
+/* Rule (1) of hull.h for the voxels of a brick, one camera after the other, without unpredictable branches. */
 struct voxels {
     uint8_t gone[VOXELS], part[VOXELS]; /* dark in some camera; not all lit in some */
     uint8_t views[VOXELS];
@@ -279,7 +278,7 @@ static void hull_classify(const struct carve *t, size_t brick, uint8_t *restrict
             klass[o] *= is_voxel(&e, o);
 }
 
-/* What classify will read. */
+/* Prefetches what hull_classify will read. */
 static void hull_fetch(const rec_hull *h, size_t brick)
 {
     for (uint64_t open = h->brick_state[brick].open; open != 0; open &= open - 1) {

@@ -1,15 +1,15 @@
-/* hull.h - visual hull: which coefficients may be non-zero at all (paper 4.4).
+/* hull.h - visual hull: the coefficients that may be non-zero at all (paper 4.4).
  *
  *     H = { j : |{c sees j}| >= min_views and for every present camera c that sees j:
  *               the footprint of j in c has a lit bin }                                   (1)
- * A footprint that reaches the edge of the image may go on beside it: dark, it neither drops the voxel
- * nor counts as a view.  What a body of the rig hides from a camera is not seen by it; what it hides in part is
- * never dropped by it.  So with exact images no voxel with light in it is ever dropped.
+ * A footprint that reaches the edge of the image may continue outside: if it is dark, it neither drops the
+ * voxel nor counts as a view.  A camera does not see a voxel that a body of the rig hides from it, and never
+ * drops one that a body hides in part.  So with exact images no voxel with light in it is ever dropped.
  * inside = every bin of every footprint is lit; partial = kept by (1) but not inside; outside = the
  * rest.  keep_partial = 0 keeps inside only (the strict rule).
  * Source: A. Laurentini, IEEE TPAMI 16(2):150-162, 1994, on footprints instead of points.
- * Method: summed-area table of each silhouette (4 look-ups per footprint), bricks of 4^3 voxels
- * first, so empty space costs next to nothing, and voxels look only where their brick is cut.
+ * Method: summed-area table of each silhouette (4 look-ups per footprint).  Bricks of 4^3 voxels
+ * are tested first, so empty space costs next to nothing; voxels are tested only where the brick is undecided.
  * Threads: one carve per rec_hull at a time; parallel inside over bands of pictures, rows of
  * bricks and layers of voxels.  Allocates nothing. */
 #ifndef REC_HULL_H
@@ -32,7 +32,7 @@ struct rec_hull_params {
 
 struct rec_hull_counts {
     int64_t inside, partial, outside;
-    int64_t cut; /* bricks where there may be more of it, but that S does not keep (active.h) */
+    int64_t cut; /* bricks that may contain more of the hull but that S does not keep (active.h) */
 };
 
 typedef struct rec_hull rec_hull;

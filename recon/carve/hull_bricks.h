@@ -1,11 +1,12 @@
-/* hull_bricks.h - where a set's hull may be, before there is a matrix.
+/* hull_bricks.h - the bricks where a set's hull may be, before there is a matrix.
  * Threads and ownership: as hull.h. */
 #ifndef REC_HULL_BRICKS_H
 #define REC_HULL_BRICKS_H
 #include "recon/carve/hull.h"
 
-/* The bricks of 4^3 voxels that a set's hull may be in, more than it is in: brick[i] = 1, else 0.  The matrix that h was made
- * with may be an outline (recon/matrix/active.h).  lit, present: as rec_hull_carve.  Returns how many. */
+/* Marks the bricks of 4^3 voxels where a set's hull may be, a superset of those where it is: brick[i] = 1, else 0.
+ * The matrix that h was made with may be an outline (recon/matrix/active.h).  lit, present: as rec_hull_carve.
+ * Returns the number of marked bricks. */
 size_t rec_hull_bricks(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
                        const bool *present, pvx_pool *pool, uint8_t *brick);
 #endif

@@ -10,7 +10,7 @@
 const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
 
 #define NOISY       7.5f  /* mean of the lit bins over the noise: below it the flame is faint */
-#define WIDE_MARGIN 1.25f /* false alarms of overlapping squares are not lone speckles */
+#define WIDE_MARGIN 1.25f /* false alarms of overlapping squares form groups */
 
 struct rec_photo_work *rec_photo_work_new(int32_t bw, int32_t bh)
 {
@@ -31,10 +31,10 @@ struct job {
     size_t n;
     const struct rec_photo_passes *pass;
     struct rec_bands bands;
-    bool mosaic; /* one of them at least */
+    bool mosaic; /* at least one of them is a mosaic */
 };
 
-/* The picture and the band of a task; NULL: nothing to do, that camera is not there. */
+/* The picture and the band of a task; NULL: nothing to do, the camera is absent. */
 static const struct rec_photo_image *task_image(const struct job *j, size_t task, int32_t *band)
 {
     const struct rec_photo_image *im = &j->im[rec_bands_find(&j->bands, task, band)];
@@ -88,7 +88,7 @@ static void linear(void *ctx, size_t task)
         spread_weights(im, y0, y1);
 }
 
-/* What whole pictures are needed for: noise, one task a channel, and the planes of mosaics. */
+/* The work that needs whole pictures: noise, one task per channel, and the planes of mosaics. */
 static void levels(void *ctx, size_t task)
 {
     const struct job *j = ctx;
@@ -104,7 +104,7 @@ static void levels(void *ctx, size_t task)
         j->pass->plane(im, band);
 }
 
-/* Of a dim picture the floor is less: what is a share of its light, not of what it might have been. */
+/* The floor.  It is lower in a dim picture: a share of the brightest bin there. */
 static float photo_least(const struct rec_photo_image *im)
 {
     const struct rec_photo_params *p = im->params;
@@ -125,7 +125,7 @@ static void set_limits(const struct rec_photo_image *im)
     struct rec_photo_work *w = im->work;
     bool automatic = p->threshold < 0;
     float low = im->absent ? p->floor : photo_least(im);
-    w->means = automatic && im->bh >= 5; /* less of a picture has no faint edges to find */
+    w->means = automatic && im->bh >= 5; /* a smaller picture has no faint edges to find */
     w->limit = w->faint = w->fainter = rec_splat(INFINITY);
     for (int c = 0; c < im->nch; c++) {
         w->limit[c] = automatic ? fmaxf(low, p->auto_k * w->sigma[c]) : p->threshold;
@@ -144,8 +144,8 @@ static void photo_judge(void *ctx, size_t task)
         j->pass->judge(im, band);
 }
 
-/* Mean of the lit bins over the noise, in the channel where that is most, is little; not where nothing
- * is lit. */
+/* Whether the flame is faint: the mean of the lit bins over the noise is below NOISY even in the channel where it is
+ * largest.  False if nothing is lit. */
 static bool is_noisy(const struct rec_photo_image *im)
 {
     const struct rec_photo_work *w = im->work;

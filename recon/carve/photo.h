@@ -3,27 +3,26 @@
  *     b = gain * (p - black - background),  lit = any channel of b >= threshold          (1)
  *
  * p is linear, 1.0 = the sensor's full scale.  NaN/Inf pixels become 0, weight 0, are counted and
- * count as lit (they say nothing, so they may not carve).  Saturated pixels (>= saturation) keep
+ * count as lit (they carry no information, so they must not carve).  Saturated pixels (>= saturation) keep
  * their value, weight 0 and lit, and are counted.
- * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of
- * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), where the floor of a
- * dim picture is max(REC_PHOTO_DIMMEST, dim * its brightest bin) if that is less, and for
- * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks; where the
- * lit bins' mean is less than 7.5 sigma, 7x7 bins are judged as well, at 1.25 auto_k sigma / 7: with
- * noise of 5 % of the peak and more the flame's outskirts would be carved away otherwise.  A uniform
- * offset is NOT estimated: an evenly lit image could not be told from one; black and background are
- * for that.
+ * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of the image, by
+ * differences that are blind to slopes.  The threshold of a bin is max(floor, auto_k * sigma).  A dim picture has
+ * the floor max(REC_PHOTO_DIMMEST, dim * its brightest bin), if that is less.  The threshold of a mean of 3x3 bins
+ * is max(floor, auto_k * sigma / 3) above the level of the dark blocks.  If the lit bins' mean is less than 7.5
+ * sigma, 7x7 bins are judged as well, at 1.25 auto_k sigma / 7: otherwise noise of 5 % of the peak and more would
+ * carve the flame's outskirts away.  A uniform offset is NOT estimated, because it looks like an evenly lit image;
+ * black and background are for that.
  * b beyond 1e9 full scales counts as not finite.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
  * threshold is automatic; margin then grows the silhouette.
- * A mosaic (Bayer pixels as they are) has one channel per bin, its filter's; the others are NaN coming in
- * and 0 coming out.  Its noise is estimated from differences between bins of the same colour.  A bin is
- * lit by its own sample or by one of the others as its neighbours have them,
+ * A mosaic (Bayer pixels as they are) has one channel per bin, that of its filter; the others are NaN in the
+ * input and 0 in the output.  Its noise is estimated from differences between bins of the same colour.  A bin is
+ * lit by its own sample, or by another channel as interpolated from its neighbours,
  *     plane = 4 K * b for red and blue, 2 K * b for green,  K = [1 2 1]'[1 2 1]/16            (2)
  * (red and blue: bilinear interpolation); 3x3 and 7x7 means are those of the plane, whose noise is
  * 0.5 and 0.255 sigma for red and blue, 0.354 and 0.18 sigma for green.
- * Where Bayer pixels were binned or interpolated, samples of red and blue count in more than one bin, and
- * the noise of neighbours is alike: it is estimated from differences over 2 bins (interpolated: 4), and
+ * Where Bayer pixels were binned or interpolated, samples of red and blue count in more than one bin, so the
+ * noise of neighbours is correlated.  It is estimated from differences over 2 bins (interpolated: 4), and
  *     sigma over that of n x n means = n^2 (8b - 6) / (8nb - 6)  for red and blue, n for green       (3)
  * b >= 2 the binning, by the weights 3 4 4 ... 1 of their samples along an axis; interpolated: about 1.5
  * and 2.9, green 2.2 and 4.4 for n = 3 and 7.
@@ -43,7 +42,7 @@ extern "C" {
 
 #define REC_PHOTO_FULL        0.998f /* from here on a pixel is at full scale */
 #define REC_PHOTO_UNSATURATED 1e30f
-#define REC_PHOTO_DIMMEST     0.0005f /* of full scale: black levels are not known better */
+#define REC_PHOTO_DIMMEST     0.0005f /* of full scale: black levels are not known more precisely */
 
 struct rec_photo_params {
     float black;      /* full-scale units, subtracted */
@@ -62,8 +61,8 @@ struct rec_photo_params {
     }
 extern const struct rec_photo_params rec_photo_defaults;
 
-/* `saturation` for a picture of floating-point numbers (which have no full scale), or one whose saturated
- * pixels have `value`, above all others (0: 1, full scale). */
+/* The `saturation` of a picture.  floats: floating-point numbers, which have no full scale.  value: that of its
+ * saturated pixels, above all others (0: 1, full scale). */
 static inline float rec_photo_saturation(const struct rec_photo_params *p, bool floats, float value)
 {
     if (floats && p->saturation < 0)
@@ -86,7 +85,7 @@ struct rec_photo_image {
     float *img;  /* [bh][bw][cs] in: binned pixels, out: b */
     int32_t bw, bh;
     int nch;       /* 1 or 3 */
-    int32_t bayer; /* channels made from Bayer pixels: with this binning, 1 = interpolated; or 0 */
+    int32_t bayer; /* binning of channels made from Bayer pixels, 1 = interpolated; 0: others */
     const uint8_t *cell; /* a mosaic: colour (0 1 2) of each bin of the 2x2 bins that repeat, row by
                                 row; nch 3, bw, bh >= 2; or NULL */
     const float *background; /* [bh][bw][cs] or NULL */

@@ -1,7 +1,7 @@
 /* photo_pass.h - the loops of photo.c over the bins of a band, compiled once per instruction set.
  *
- * They run over floats, whatever the channels: 32 at a time are 8 bins of colour or 32 of grey.  No sum
- * depends on the instruction set.
+ * They run over floats, independent of the channels: 32 floats at a time are 8 bins of colour or 32 of grey.  No
+ * sum depends on the instruction set.
  * Private to photo*.c. */
 #ifndef REC_PHOTO_PASS_H
 #define REC_PHOTO_PASS_H
@@ -10,24 +10,24 @@
 #include "recon/carve/photo.h"
 #include "recon/carve/photo_mosaic.h"
 
-#define REC_PHOTO_BLOCK  8   /* bins per side of what noise is measured in */
-#define REC_PHOTO_BLOCKS 400 /* at most, spread over the image */
+#define REC_PHOTO_BLOCK  8   /* bins per side of a block in which noise is measured */
+#define REC_PHOTO_BLOCKS 400 /* blocks at most, spread over the image */
 
 enum { REC_UNLIT = 0, REC_LIT = 1, REC_FORCED = 2 };
 
 /* Noise of up to three channels in one block, its lowest value and the share of bins that have it. */
 struct rec_photo_block {
     rec_f4 mean, noise2, low, at_low;
-    bool measured; /* there were bins enough */
+    bool measured; /* there were enough bins */
 };
 
-/* What a band adds to its picture's sums. */
+/* A band's part of its picture's sums. */
 struct rec_photo_band {
     rec_f4 low;    /* least value of the bins with weight */
-    double sum[4]; /* over the lit bins, and how many they are */
+    double sum[4]; /* over the lit bins; number of them */
     uint32_t hits;
     uint32_t saturated, not_finite, lit;
-    int32_t peak; /* bits of the brightest bin's float, which above 0 are ordered as floats are */
+    int32_t peak; /* bits of the brightest bin's float; above 0 they have the order of the floats */
 };
 
 struct rec_photo_work {
@@ -37,7 +37,7 @@ struct rec_photo_work {
     float sigma[3], dark[3]; /* of each channel */
     rec_f4 limit, faint,
         fainter;       /* for a bin and for means over 3x3 and 7x7; lanes without a channel INF */
-    bool means, noisy; /* judge those over 3x3, and over 7x7 */
+    bool means, noisy; /* judge means over 3x3; over 7x7 */
     struct rec_photo_block block[REC_PHOTO_BLOCKS];
 };
 
@@ -53,7 +53,7 @@ static inline struct rec_photo_blocks rec_photo_blocks(const struct rec_photo_im
 }
 
 struct rec_photo_passes {
-    /* (1) of photo.h: b, weight and forced bins; low and the blocks of the band, which lie in it */
+    /* (1) of photo.h: b, weight and forced bins; low and the blocks that lie in the band */
     void (*linear)(const struct rec_photo_image *im, int32_t band);
     /* sigma and dark of channel c from all blocks */
     void (*noise)(const struct rec_photo_image *im, int32_t c);
@@ -63,13 +63,13 @@ struct rec_photo_passes {
     void (*judge)(const struct rec_photo_image *im, int32_t band);
     /* means over 7x7 that reach `fainter` */
     void (*widen)(const struct rec_photo_image *im, int32_t band);
-    /* raw to 0/1 in `out`, without lone bins if `despeckle`; lit */
+    /* raw to 0/1 in `out`, without lone bins if `despeckle`; counts lit */
     void (*finish)(const struct rec_photo_image *im, int32_t band, bool despeckle, uint8_t *out);
 };
 
 /* Fill the table for `cpu`: all slots with the reference, then an instruction set's over them. */
 void rec_photo_passes_init(struct rec_photo_passes *p, enum pvx_cpu cpu);
-/* What each file offers to that: a function that overwrites its slots. */
+/* One function of each file, which overwrites the slots that the file implements. */
 void rec_photo_passes_ref(struct rec_photo_passes *p);
 #if defined(__x86_64__)
 void rec_photo_passes_avx2(struct rec_photo_passes *p);

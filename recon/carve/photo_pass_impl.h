@@ -12,12 +12,12 @@
 #define GROUP 32  /* floats that are tested together */
 #define CHUNK 256 /* floats whose column sums are kept */
 #define BLOCK REC_PHOTO_BLOCK
-#define LIMIT 1e9f /* full scales; more is no measurement, and squares stay finite in float */
+#define LIMIT 1e9f /* full scales; more is not a measurement, and squares stay finite in float */
 
 typedef float vf __attribute__((vector_size(4 * VEC), aligned(4), may_alias));
 typedef int32_t vi __attribute__((vector_size(4 * VEC), aligned(4), may_alias));
 
-/* The pass for a picture's kind; a mosaic has im->cell. */
+/* Selects the pass for a picture's kind; a mosaic has im->cell. */
 #define FOR_KIND(im, fn, ...)                               \
     ((im)->cell != NULL ? fn(__VA_ARGS__, (size_t)4, true)  \
      : (im)->nch == 3   ? fn(__VA_ARGS__, (size_t)4, false) \
@@ -54,7 +54,7 @@ REC_INLINE vf pick(vi mask, vf a, vf b)
 {
     return (vf)((mask & (vi)a) | (~mask & (vi)b));
 }
-/* The channels of a bin, over and over. */
+/* A vector that repeats the channels of a bin. */
 REC_INLINE vf repeat(rec_f4 v, size_t cs)
 {
     vf a;
@@ -62,7 +62,7 @@ REC_INLINE vf repeat(rec_f4 v, size_t cs)
         a[l] = v[l % cs];
     return a;
 }
-/* The other way round: the least of each channel. */
+/* The reverse: the least value of each channel. */
 REC_INLINE rec_f4 least_of(vf v, size_t cs)
 {
     rec_f4 low = rec_splat(INFINITY);
@@ -81,7 +81,7 @@ REC_INLINE rec_i4 measured(const struct rec_photo_image *im, int32_t x, int32_t 
     return mosaic ? rec_mosaic_lane(im->cell, x, y) : all;
 }
 
-/* The same for the floats of even and odd rows, over and over. */
+/* The same as masks for the floats of even and odd rows. */
 struct lanes {
     int32_t of[2][8];
 };
@@ -98,21 +98,21 @@ REC_INLINE vi lanes_at(const struct lanes *l, size_t y, size_t j)
     return *(const vi *)(l->of[y % 2] + j % 8);
 }
 
-/* What (1) needs. */
+/* Constants of (1). */
 struct tone {
     rec_f4 full, black, scale;
-    vf fulls, blacks, scales, most, none; /* the same over and over; LIMIT; INF */
+    vf fulls, blacks, scales, most, none; /* the same, repeated; LIMIT; INF */
     struct lanes lanes;
 };
 
-/* Any bin. */
+/* One bin of any kind. */
 REC_INLINE void linear_bin(const struct rec_photo_image *im, int32_t x, int32_t y,
                            const struct tone *t, struct rec_photo_band *out, size_t cs, bool mosaic)
 {
     const rec_f4 zero = {0}, most = rec_splat(LIMIT);
     const rec_i4 lanes = measured(im, x, y, cs, mosaic);
     size_t i = (size_t)y * (size_t)im->bw + (size_t)x;
-    rec_f4 v = rec_select(lanes, rec_ld(im->img, i, cs), zero); /* whatever is in the others */
+    rec_f4 v = rec_select(lanes, rec_ld(im->img, i, cs), zero); /* other lanes: anything */
     bool saturated = rec_any((v >= t->full) & lanes);
     v -= t->black;
     if (im->background != NULL)
@@ -129,7 +129,7 @@ REC_INLINE void linear_bin(const struct rec_photo_image *im, int32_t x, int32_t 
         out->low = rec_select((v < out->low) & lanes, v, out->low);
 }
 
-/* GROUP floats of row y from bin x on, if every one is sound and below saturation. */
+/* GROUP floats of row y from bin x on.  False, and nothing done: some are saturated or unsound (NaN, over LIMIT). */
 REC_INLINE bool linear_group(const struct rec_photo_image *im, int32_t x, int32_t y,
                              const struct tone *t, vf *low, size_t cs, bool mosaic)
 {
@@ -147,7 +147,7 @@ REC_INLINE bool linear_group(const struct rec_photo_image *im, int32_t x, int32_
             a -= load(im->background + i * cs + k * VEC);
         a *= t->scales;
         a = cs == 4 ? (vf)((vi)a & mask) : a;
-        sound &= (vf)((vi)a & INT32_MAX) <= t->most; /* NaN is not */
+        sound &= (vf)((vi)a & INT32_MAX) <= t->most; /* false for NaN */
         v[k] = a;
     }
     if (any(odd | ~sound))
@@ -165,8 +165,8 @@ REC_INLINE bool linear_group(const struct rec_photo_image *im, int32_t x, int32_
 
 /* ---- noise ---- */
 
-/* Sums over a block, and of how many.  They go down the columns first, then across, so that columns
- * are lanes where there is one channel and independent sums where there are more. */
+/* Sums over a block, and the numbers of their terms.  They run down the columns first, then across: so the columns
+ * are lanes if there is one channel, and independent sums if there are more. */
 struct sums {
     rec_f4 value, diff2, low, at_low;
     rec_f4 bins, cells;
@@ -177,7 +177,7 @@ REC_INLINE rec_f4 ones(rec_i4 lanes)
     return rec_select(lanes, rec_splat(1), (rec_f4){0});
 }
 
-/* Any block: cut by the image's edge, or some bins without weight. */
+/* Any block: cut by the image's edge, or with some bins without weight. */
 REC_INLINE void sum_block(const struct rec_photo_image *im, int32_t x0, int32_t y0, int32_t step,
                           struct sums *s, size_t cs, bool mosaic)
 {
@@ -209,7 +209,7 @@ REC_INLINE void sum_block(const struct rec_photo_image *im, int32_t x0, int32_t 
     }
 }
 
-/* A block whose bins and the `step` right of them all are there and have weight. */
+/* A block whose bins all exist and have weight; the `step` columns to its right exist too. */
 REC_INLINE void sum_whole_block(const struct rec_photo_image *im, int32_t x0, int32_t y0,
                                 int32_t step, struct sums *s, size_t cs, bool mosaic)
 {
@@ -269,9 +269,9 @@ REC_INLINE bool whole(const struct rec_photo_image *im, int32_t x0, int32_t y0, 
     return !any(gone);
 }
 
-/* The mixed second difference a-b-c+d of 2x2 bins is blind to any linear slope, and its variance is
- * 4 sigma^2 for independent noise; the grain's step lies between them.  Sums of at most 64 terms, so
- * float will do. */
+/* The mixed second difference a-b-c+d of 2x2 bins is blind to any linear slope, and its variance is 4 sigma^2 for
+ * independent noise.  The four bins are the grain's step apart.  Sums have at most 64 terms, so float is precise
+ * enough. */
 REC_INLINE void measure_block(const struct rec_photo_image *im, int32_t x0, int32_t y0,
                               struct rec_photo_block *out, size_t cs, bool mosaic)
 {
@@ -294,7 +294,7 @@ REC_INLINE void measure_block(const struct rec_photo_image *im, int32_t x0, int3
 
 REC_INLINE void linear(const struct rec_photo_image *image, int32_t b, size_t cs, bool mosaic)
 {
-    const struct rec_photo_image own = *image, *im = &own; /* which no store can change */
+    const struct rec_photo_image own = *image, *im = &own; /* a copy that no store can change */
     const struct rec_photo_params *p = im->params;
     const float *g = im->gain;
     struct tone t = {
@@ -336,8 +336,8 @@ static void linear_band(const struct rec_photo_image *im, int32_t b)
     FOR_KIND(im, linear, im, b);
 }
 
-/* k-th smallest of v [n]: bit by bit, the highest first, of numbers that are ordered as the floats
- * are.  No NaN. */
+/* The k-th smallest of v [n], found bit by bit from the highest, on integers that are ordered as the floats are.  No
+ * NaN. */
 static float select_kth(const float *v, int32_t n, int32_t k)
 {
     enum { STEP = 4 * VEC };
@@ -367,9 +367,9 @@ static float select_kth(const float *v, int32_t n, int32_t k)
     return out;
 }
 
-/* Median over the darker half of the blocks.  A camera that clips at black keeps only the upper half
- * of the background's noise; its blocks are then about half filled with the lowest value, and
- * max(0, N(0,s)) has the standard deviation 0.5838 s.
+/* Sigma: the median over the darker half of the blocks.  A camera that clips at black keeps only the upper half of
+ * the background's noise.  Its blocks are then about half filled with the lowest value, and max(0, N(0,s)) has the
+ * standard deviation 0.5838 s.
  * Dark: the lower quartile of the blocks' means, the level that a background clipped at 0 keeps. */
 static void noise(const struct rec_photo_image *im, int32_t c)
 {
@@ -404,12 +404,12 @@ static void noise(const struct rec_photo_image *im, int32_t c)
 
 /* ---- silhouettes ---- */
 
-/* What one look at a picture's bins and means tests for. */
+/* The limits for bins and means in one pass over a picture. */
 struct test {
-    const float *img, *plane; /* bins that reach `limit`; NULL: none */
+    const float *img, *plane; /* their bins that reach `limit` are lit; NULL: none */
     vf limit;
     int32_t side;
-    vf mean_limit, cap; /* of sums over side x side of `pic`, each bin counting at most cap */
+    vf mean_limit, cap; /* for sums over side x side bins of `pic`; a bin counts at most cap */
     const float *pic;
 };
 
@@ -418,7 +418,7 @@ static void plane_band(const struct rec_photo_image *im, int32_t b)
 {
     const vf scale = repeat((rec_f4){4.0f / 16, 2.0f / 16, 4.0f / 16, 0}, 4);
     const size_t wide = (size_t)im->bw * 4;
-    float sums[CHUNK + 8]; /* down three rows, of the bin before to the bin behind */
+    float sums[CHUNK + 8]; /* over three rows, from the bin before to the bin after */
     int32_t y0, y1;
     rec_band_rows(b, im->bh, &y0, &y1);
     for (int32_t y = y0; y < y1; y++) {
@@ -446,15 +446,15 @@ static void plane_band(const struct rec_photo_image *im, int32_t b)
     }
 }
 
-/* Sums over `side` rows around y, each bin at most `cap`, of n floats from f on and of what means reach
- * into on both sides; -INF beyond the image, so that no mean which would need it reaches any limit. */
+/* Sums over `side` rows around y, each bin at most `cap`, for n floats from f on and for those on both sides that
+ * means reach.  Beyond the image -INF, so that a mean that needs such floats reaches no limit. */
 REC_INLINE void add_rows(const struct test *t, size_t wide, int32_t y, size_t f, size_t n,
                          float *sums, size_t cs)
 {
     const size_t reach = (size_t)(t->side / 2) * cs;
     const float *top = t->pic + (size_t)(y - t->side / 2) * wide;
     size_t lo = f > reach ? f - reach : 0, hi = f + n + reach < wide ? f + n + reach : wide, i;
-    float *out = sums + reach; /* of f */
+    float *out = sums + reach; /* sum of float f */
     for (i = 0; i < reach - (f - lo); i++)
         sums[i] = -INFINITY;
     for (i = hi - f; i < n + reach; i++)
@@ -476,7 +476,7 @@ REC_INLINE void add_rows(const struct test *t, size_t wide, int32_t y, size_t f,
     }
 }
 
-/* Tests m floats at f, with their sums if there are any; hit[] gets masks.  Whether any is hit. */
+/* Tests m floats at f, with their sums if there are any; hit[] gets masks.  Returns whether any is hit. */
 REC_INLINE bool test_group(const struct test *t, const float *sums, size_t f, size_t m,
                            int32_t hit[GROUP], size_t cs)
 {
@@ -513,7 +513,7 @@ REC_INLINE bool test_group(const struct test *t, const float *sums, size_t f, si
     return rest || any(some);
 }
 
-/* Row y: lights the bins that `t` finds, with means or without, and adds them up. */
+/* Lights the bins of row y that `t` finds, with means or without, and adds them up. */
 REC_INLINE void light_row(const struct rec_photo_image *im, const struct test *t, int32_t y,
                           bool means, rec_d4 *sum, uint32_t *hits, size_t cs)
 {
@@ -538,10 +538,10 @@ REC_INLINE void light_row(const struct rec_photo_image *im, const struct test *t
     }
 }
 
-/* Means over squares of `side` bins, odd, that reach a limit: faint edges.  A mean has 1/side of the
- * noise and may be judged as much more sharply, above the level that the dark blocks have (noise
- * clipped at 0 has a positive mean).  A bin counts at most `cap`, so that a hot pixel does not light
- * its neighbours.  Bins nearer to the image's border than side/2 have no such mean. */
+/* Means over squares of `side` bins (odd) that reach a limit find faint edges.  A mean has 1/side of the noise, so
+ * its limit may be as much lower, above the level of the dark blocks (noise clipped at 0 has a positive mean).  A bin
+ * counts at most `cap`, so that a hot pixel does not light its neighbours.  Bins nearer to the image's border than
+ * side/2 have no such mean. */
 REC_INLINE void judge(const struct rec_photo_image *im, int32_t b, size_t cs, bool mosaic)
 {
     struct rec_photo_work *w = im->work;
@@ -589,8 +589,8 @@ static void widen_band(const struct rec_photo_image *im, int32_t b)
     FOR_KIND(im, widen, im, b);
 }
 
-/* Bins with fewer than two lit neighbours go out; out of the image counts as unlit.  Rows are summed
- * over three in bytes, which compilers turn into vectors. */
+/* Bins with fewer than two lit neighbours become unlit; outside the image counts as unlit.  Rows are summed over
+ * three in bytes, which compilers turn into vectors. */
 static void finish(const struct rec_photo_image *im, int32_t b, bool despeckle, uint8_t *out)
 {
     const size_t w = (size_t)im->bw;
