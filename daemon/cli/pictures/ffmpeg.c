@@ -16,7 +16,7 @@
 struct ffmpeg {
     char *path, *part;
     size_t n;         /* bytes of a picture */
-    int to, complain; /* its input; a file in memory with what it says */
+    int to, complain; /* ffmpeg's input; a file in memory with its messages */
     pid_t pid;
 };
 
@@ -45,7 +45,7 @@ bool ffmpeg_can(const char *path)
     return kind_of(path) != NULL;
 }
 
-/* Colours are said to be BT.709's in studio range, and are; sides are even, as 4:2:0 wants. */
+/* Colours are converted to BT.709 in studio range and marked as such.  Sides are made even, as 4:2:0 requires. */
 static int ffmpeg_run(ffmpeg *f, int from, int32_t w, int32_t h, int nch, int fps)
 {
     const struct kind *k = kind_of(f->path);
@@ -127,7 +127,7 @@ pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps, f
     return pvx_fail(d, PVX_EIO, "%s: ffmpeg does not start: %s", path, strerror(err));
 }
 
-/* Its end, and in one line why, where it was not a good one. */
+/* Wait for ffmpeg's end.  If it failed, the message is the first line that it printed. */
 static pvx_err ffmpeg_wait_for(ffmpeg *f, struct pvx_diag *d)
 {
     char said[512] = "";

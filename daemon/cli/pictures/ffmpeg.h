@@ -1,4 +1,4 @@
-/* ffmpeg.h - pictures into a video, by the program ffmpeg.
+/* ffmpeg.h - write pictures into a video with the program ffmpeg.
  *
  * The program is used instead of the library, because users have its encoders and know them.  It reads raw pictures
  * from a socket and writes PATH.tmp.PID.EXT, which is renamed at the end.  Ctrl-C of a terminal does not reach it:
@@ -12,7 +12,7 @@
 
 typedef struct ffmpeg ffmpeg;
 
-/* Is that the name of a video: .mp4 .mov .mkv (H.264) or .webm (VP9)? */
+/* Whether path is the name of a video: .mp4 .mov .mkv (H.264) or .webm (VP9). */
 bool ffmpeg_can(const char *path);
 
 /* Pictures of w x h pixels, nch 1 or 3, 8 bits, fps a second.  Errors name the file; PVX_ENOENT: ffmpeg is
@@ -20,8 +20,8 @@ bool ffmpeg_can(const char *path);
 PVX_MUST_CHECK pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
                                     ffmpeg **out, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err ffmpeg_add(ffmpeg *f, const uint8_t *samples, struct pvx_diag *d);
-/* Waits for its end.  Frees also on error, and then leaves no file. */
+/* Wait until ffmpeg has finished.  Frees *f, after an error too; then there is no file. */
 PVX_MUST_CHECK pvx_err ffmpeg_end(ffmpeg **f, struct pvx_diag *d);
-void ffmpeg_drop(ffmpeg **f); /* without a file */
+void ffmpeg_drop(ffmpeg **f); /* stop without a file */
 
 #endif

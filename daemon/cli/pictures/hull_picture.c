@@ -87,7 +87,7 @@ static void hull_picture_label(struct paint *p, int i, const char *text)
     paint_text(p, x, y - LABEL + 3, 1, ink, text);
 }
 
-/* Part of an image, in pixels; (0,0) is the centre of the first one. */
+/* Part of an image, in pixels.  (0,0) is the centre of the first pixel. */
 struct window {
     double x0, y0, x1, y1;
 };
@@ -97,8 +97,8 @@ static struct window hull_picture_whole(const struct rec_camera *c)
     return (struct window){-0.5, -0.5, c->width - 0.5, c->height - 0.5};
 }
 
-/* Where the camera sees the volume, and `room` times its size all round; the whole image when it has
- * not all of it before it. */
+/* The part of the image with the volume and `room` times its size all round.  The whole image if some of the volume
+ * is not in front of the camera. */
 static struct window around_volume(const struct rec_camera *c, const struct rec_grid *g,
                                    double room)
 {
@@ -118,7 +118,7 @@ static struct window around_volume(const struct rec_camera *c, const struct rec_
     return (struct window){w.x0 - by, w.y0 - by, w.x1 + by, w.y1 + by};
 }
 
-/* The camera with that part of its image made to fit a tile. */
+/* The camera whose image is that part, scaled to fit a tile. */
 static struct rec_camera tile_camera(const struct rec_camera *c, struct window w)
 {
     struct rec_camera s = *c;
@@ -132,11 +132,11 @@ static struct rec_camera tile_camera(const struct rec_camera *c, struct window w
     return s;
 }
 
-/* Edges of the volume as the camera sees them, cut off at its image. */
+/* Draw the edges of the volume as the camera sees them, cut off at its image. */
 static void draw_box(struct paint *p, const struct rec_grid *g, const struct rec_camera *c,
                      int32_t x, int32_t y, struct paint_rgb colour)
 {
-    enum { PIECES = 48 }; /* a lens bends them */
+    enum { PIECES = 48 }; /* of an edge, because a lens bends it */
     for (int edge = 0; edge < 12; edge++) {
         int a = edge / 4, b = (a + 1) % 3, e = (a + 2) % 3;
         double X[3], last[2], uv[2];
@@ -153,7 +153,7 @@ static void draw_box(struct paint *p, const struct rec_grid *g, const struct rec
     }
 }
 
-/* Hull as light, red and green, from a camera's place. */
+/* Draw the hull as red and green light, seen from a camera. */
 static pvx_err hull_picture_draw_view(hull_picture *h, struct paint *p, int at, size_t camera)
 {
     struct rec_camera c = tile_camera(&h->rig->cameras[camera],
@@ -187,7 +187,7 @@ static pvx_err hull_picture_draw_view(hull_picture *h, struct paint *p, int at, 
     return PVX_OK;
 }
 
-/* Plane of voxels across axis `a` through voxel `k`, z (or y) upwards. */
+/* Draw the plane of voxels across axis `a` through voxel `k`, with z (or y) upwards. */
 static void draw_slice(const hull_picture *h, struct paint *p, int at, int a, int32_t k)
 {
     static const char *const plane[] = {"y-z slice at x", "x-z slice at y", "x-y slice at z"};
@@ -211,7 +211,7 @@ static void draw_slice(const hull_picture *h, struct paint *p, int at, int a, in
     hull_picture_label(p, at, text);
 }
 
-/* Brightest value of the cameras' light, for one exposure of all. */
+/* Brightest value of all cameras, so that all get the same exposure. */
 static float hull_picture_brightest(const hull_picture *h, const rec_frame *f, const bool *present)
 {
     size_t cs = h->nch == 3 ? 4 : 1;
@@ -229,7 +229,7 @@ static float shown(float v, float most)
     return v > 0 ? 0.8f * powf(v / most, 1 / 2.2f) : 0;
 }
 
-/* What of the image a tile shows: the volume's surroundings, or all when there is light elsewhere. */
+/* The part of the image that a tile shows: the volume's surroundings, or all if there is light elsewhere. */
 static struct window shown_part(const hull_picture *h, size_t c, const uint8_t *lit)
 {
     const struct rec_camera *cam = &h->rig->cameras[c];
@@ -252,7 +252,7 @@ static struct window shown_part(const hull_picture *h, size_t c, const uint8_t *
     return w;
 }
 
-/* A tile's pixels on the bins of a camera. */
+/* How the pixels of a tile lie on the bins of a camera. */
 struct sight {
     const struct rec_sysmat_block *b;
     struct window w;
@@ -261,7 +261,7 @@ struct sight {
     const uint8_t *lit;
 };
 
-/* Bin under pixel (x,y) of the tile, or -1 when it is beside the image. */
+/* Bin under pixel (x,y) of the tile, or -1 outside of the image. */
 static int64_t bin_at(const struct sight *s, int32_t x, int32_t y)
 {
     double u = floor((s->w.x0 + (x + 0.5) / s->k + 0.5) / s->binning);
@@ -276,7 +276,7 @@ static bool lit_at(const struct sight *s, int32_t x, int32_t y)
     return bin >= 0 && s->lit[bin] != 0;
 }
 
-/* What camera c saw, its silhouette's outline and the volume. */
+/* Draw the picture of camera c, the outline of its silhouette, and the volume. */
 static void draw_camera(const hull_picture *h, struct paint *p, const rec_frame *f, size_t c,
                         bool present, float most)
 {
@@ -344,7 +344,7 @@ static void headline(const hull_picture *h, struct paint *p, const struct rec_hu
     hull_picture_count(p, x, outside, "outside", k->outside, all);
 }
 
-/* The camera that looks most nearly across the first one's line of sight. */
+/* The camera whose line of sight is most nearly perpendicular to that of the first camera. */
 static size_t other_view(const struct rec_rig *rig)
 {
     size_t best = 0;
@@ -361,7 +361,7 @@ static size_t other_view(const struct rec_rig *rig)
     return best;
 }
 
-/* Classes, and the same as light; *middle = mean place of what is kept, in voxels. */
+/* Classify all voxels, and store the classes as light, too.  *middle: mean place of the voxels that are kept. */
 static void hull_picture_classify(hull_picture *h, const rec_frame *f, const bool *present,
                                   struct rec_hull_counts *counts, int32_t middle[3])
 {

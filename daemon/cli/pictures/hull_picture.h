@@ -13,7 +13,7 @@ PVX_MUST_CHECK pvx_err hull_picture_new(const rec_sysmat *S, const struct rec_ri
                                         uint32_t min_views, pvx_pool *pool, hull_picture **out);
 void hull_picture_free(hull_picture **h);
 
-/* Picture of a carved frame to a .png; present[c]: the frame has a picture of camera c.  Errors: the file's. */
+/* Draw a carved frame and save it as .png.  present[c]: the frame has a picture of camera c.  Errors: the file's. */
 PVX_MUST_CHECK pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *present,
                                          uint32_t number, const char *path, struct pvx_diag *d);
 

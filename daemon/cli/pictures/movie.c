@@ -28,17 +28,17 @@ struct movie {
     char *const *vol;
     size_t n;
     pvx_pool *pool;
-    struct rec_grid box;        /* what a turntable frames */
+    struct rec_grid box;        /* the box that a turntable frames */
     struct rec_key_frames path; /* of RENDER_PATH */
     struct look look;
-    size_t pictures, period; /* all; after so many the viewpoints come again, 1: there is one */
-    rec_view **view;      /* [period] viewpoints that come again; NULL: none does, or no memory */
-    rec_room *room;       /* NULL: none */
-    size_t lit;           /* the volume that lights it, as `loaded` */
-    struct rec_camera at; /* where the picture is taken from */
-    float *image;         /* [height][width][3] */
-    struct film *film;    /* NULL: files in a folder */
-    struct rec_grid grid; /* of the volume that is loaded */
+    size_t pictures, period; /* all; after `period` the viewpoints repeat, 1: there is one */
+    rec_view **view;         /* [period] viewpoints that repeat; NULL: none does, or no memory */
+    rec_room *room;          /* NULL: none */
+    size_t lit;              /* the volume that lights it, as `loaded` */
+    struct rec_camera at;    /* where the picture is taken from */
+    float *image;            /* [height][width][3] */
+    struct film *film;       /* NULL: files in a folder */
+    struct rec_grid grid;    /* of the volume that is loaded */
     float *dense;
     int nch;
     size_t loaded; /* its place in vol, or SIZE_MAX */
@@ -87,7 +87,7 @@ static void movie_widen(struct rec_grid *box, const struct rec_grid *by)
     }
 }
 
-/* The factor that the loaded volume asks for, 0 = dark. */
+/* The automatic exposure of the loaded volume.  0 = dark. */
 static pvx_err exposure_of(struct movie *m, double *out)
 {
     if (m->o->room)
@@ -115,8 +115,8 @@ static pvx_err exposure_of(struct movie *m, double *out)
     return e;
 }
 
-/* What must not change from picture to picture, from a few volumes spread over all: the box that a
- * turntable frames or a room is made for, the exposure of the brightest. */
+/* Look at a few volumes spread over all, for values that must not change from picture to picture: the box that a
+ * turntable frames or a room is made for, and the exposure of the brightest volume. */
 static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
 {
     bool expose = m->o->format != RENDER_NPY && m->look.exposure == 0;
@@ -174,7 +174,7 @@ static pvx_err read_path(struct movie *m, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* How many pictures, and after how many they are taken from the same place again. */
+/* Set the number of pictures, and the number after which viewpoints repeat. */
 static void movie_count(struct movie *m)
 {
     size_t views = (size_t)m->o->views, turns = (size_t)m->o->rounds;
@@ -213,7 +213,7 @@ static pvx_err movie_set_up(struct movie *m, struct pvx_diag *d)
     return m->view != NULL ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "%s: no memory for views", o->out);
 }
 
-/* The room in the light of the loaded volume. */
+/* Draw the room in the light of the loaded volume. */
 static pvx_err draw_room(struct movie *m)
 {
     if (m->lit != m->loaded)
@@ -229,7 +229,8 @@ static void free_views(struct movie *m)
     PVX_FREE(m->view);
 }
 
-/* Picture i of the loaded volume as a product.  PVX_ERANGE: the rays of all views take too much. */
+/* Compute picture i of the loaded volume with stored rays.  PVX_ERANGE: the rays of all views need too much
+ * memory. */
 static pvx_err movie_multiply(struct movie *m, size_t i)
 {
     rec_view **v = &m->view[i % m->period];
@@ -241,7 +242,7 @@ static pvx_err movie_multiply(struct movie *m, size_t i)
     return rec_view_render(*v, &m->grid, m->dense, m->nch, m->image);
 }
 
-/* Picture i of the loaded volume into m->image. */
+/* Draw picture i of the loaded volume into m->image. */
 static pvx_err draw_picture(struct movie *m, size_t i)
 {
     if (m->view != NULL) {
@@ -359,7 +360,7 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
     if (e == PVX_OK)
         e = draw_all(&m, d);
     if (m.film != NULL && (e == PVX_OK || e == PVX_ECANCELED)) {
-        pvx_err written = film_end(&m.film, d); /* what there is until Ctrl-C */
+        pvx_err written = film_end(&m.film, d); /* keeps the pictures before a Ctrl-C */
         e = written != PVX_OK ? written : e;
     }
     if (!o->quiet && (e == PVX_OK || e == PVX_ECANCELED))

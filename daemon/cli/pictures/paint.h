@@ -1,5 +1,5 @@
 /* paint.h - a small canvas: filled rectangles, lines, pictures and labels in one RGB image.
- * Coordinates are pixels from the top left; what lies outside is cut off.  Colours are display values
+ * Coordinates are pixels from the top left.  Parts outside are cut off.  Colours are display values
  * 0..1.  Threads: one at a time per canvas. */
 #ifndef PAINT_H
 #define PAINT_H

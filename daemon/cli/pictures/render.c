@@ -1,5 +1,5 @@
-/* render.c - `pyrovox render`: views of volumes, from a camera of the rig, any place, or a
- * turntable; one picture, or a folder of them (render_movie.h). */
+/* render.c - `pyrovox render`: views of volumes from a camera of the rig, any place, or a turntable.
+ * Writes one picture, or many (movie.h). */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -90,7 +90,7 @@ static void free_sources(struct sources *s)
     free(s->path);
 }
 
-/* The rig's camera of that name, NULL when none is asked for. */
+/* The rig's camera of the name asked for.  NULL: none is asked for. */
 static pvx_err render_find_camera(const struct render_options *o, const struct rec_rig *rig,
                                   const struct rec_camera **out, struct pvx_diag *d)
 {

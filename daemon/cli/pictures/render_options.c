@@ -82,7 +82,7 @@ static const struct cli_row rows[] = {
     {0},
 };
 
-/* Up to `max` numbers separated by `sep`; how many, 0 when one is not a number. */
+/* Read up to `max` numbers separated by `sep`.  Returns how many; 0: one is not a number. */
 static int render_options_split(const char *s, char sep, double *v, int max)
 {
     char copy[96];
@@ -204,7 +204,7 @@ static error_t render_options_parse(int key, char *arg, struct argp_state *state
         seen_from(state, RENDER_PATH);
         o->path = arg;
         return 0;
-    case ARGP_KEY_ARGS: /* all that are left, after all options: sources, then where to */
+    case ARGP_KEY_ARGS: /* all words after the options: sources, then the output */
         o->source = state->argv + state->next;
         o->n_sources = state->argc - state->next;
         if (o->out == NULL)

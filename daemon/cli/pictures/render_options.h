@@ -1,4 +1,4 @@
-/* render_options.h - what can be said to `pyrovox render`. */
+/* render_options.h - the command line of `pyrovox render`. */
 #ifndef RENDER_OPTIONS_H
 #define RENDER_OPTIONS_H
 #include <stdbool.h>
@@ -26,7 +26,7 @@ struct render_options {
     int rounds;                               /* RENDER_ORBIT; 0: until every volume was shown */
     const char *path;                         /* RENDER_PATH: key frames */
     double elevation_deg;                     /* turntable */
-    bool room;                                /* the flame lights a room, and is hidden in it */
+    bool room;                                /* the flame lights a room, which hides parts of it */
     int32_t width, height;                    /* 0 = not given */
     int sub;                                  /* rays per pixel side */
     int fps;                                  /* of a film */

@@ -16,7 +16,7 @@ const struct dmn_room_film dmn_room_film_defaults = {.views = 72,
                                                      .look = {.gamma = 2.2, .depth = 8},
                                                      .fps = 15};
 
-/* Once round; image is a work area. */
+/* Draw all views of the turn.  image is a work area. */
 static pvx_err draw_views(const rec_room *room, const struct dmn_room_film *p, int nch,
                           float *image, struct film *film, struct pvx_diag *d)
 {

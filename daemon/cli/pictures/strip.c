@@ -121,11 +121,11 @@ struct strip {
     int nch;
     const struct dmn_strip_params *p;
     pvx_pool *pool;
-    struct rec_grid box; /* what is lit */
+    struct rec_grid box; /* around the lit voxels */
     rec_room *room;      /* NULL: none */
 };
 
-/* View v of the turntable. */
+/* Draw view v of the turntable. */
 static pvx_err strip_draw_view(const struct strip *s, int v, float *view)
 {
     const struct dmn_strip_params *p = s->p;
@@ -143,7 +143,7 @@ static pvx_err strip_draw_view(const struct strip *s, int v, float *view)
                       view);
 }
 
-/* Exposure of a strip of n. */
+/* Set the exposure of a strip of n values. */
 static pvx_err strip_expose(const struct strip *s, const float *strip, size_t n, struct look *look)
 {
     if (look->exposure > 0)

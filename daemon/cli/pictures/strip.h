@@ -16,35 +16,34 @@ struct dmn_strip_params {
     double elevation_deg;
     int sub;          /* rays per pixel side */
     struct look look; /* of a .png; automatic: the 99.8th percentile of the lit pixels is 1 */
-    bool room;        /* in the virtual room that it lights (recon/view/room.h) */
-    const struct rec_bodies *bodies; /* that hide parts of it, else; NULL: none */
+    bool room;        /* show it in the virtual room that it lights (recon/view/room.h) */
+    const struct rec_bodies *bodies; /* that hide parts of it, without room; NULL: none */
 };
 extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
 
-/* dense [nz][ny][nx][nch] on g; the camera frames what is lit (more than 2 % of the brightest
- * voxel), not the whole box.  path .png, or .npy: linear, as they are.  Errors: PVX_EINVAL, PVX_ENOMEM, the file's. */
+/* dense [nz][ny][nx][nch] on g.  The camera frames the lit voxels (more than 2 % of the brightest), not the whole
+ * box.  path: .png, or .npy for the linear values.  Errors: PVX_EINVAL, PVX_ENOMEM, the file's. */
 PVX_MUST_CHECK pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
                                       const struct dmn_strip_params *p, pvx_pool *pool,
                                       const char *path, struct pvx_diag *d);
 
-/* Box around the voxels above 2 % of the brightest, with one more all round; the whole grid when all
- * are dark. */
+/* Box around the voxels above 2 % of the brightest, and one more voxel all round.  The whole grid if all are dark. */
 struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nch);
 
-/* Factor that puts the 99.8th percentile of the values above 1 % of the brightest to 1; 0 when all
- * are dark.  PVX_ENOMEM. */
+/* Factor that maps the 99.8th percentile of the values above 1 % of the brightest to 1.  0: all are dark.
+ * PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out);
 
-/* That of the lit box seen from two sides of the turntable: the lesser.  PVX_ENOMEM. */
+/* The exposure of the lit box, seen from two sides of the turntable: the lesser of the two.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch,
                                           double elevation_deg, pvx_pool *pool, double *out);
 
-/* A room for the lit box, lit by the volume, which is borrowed (rec_room_light).  Errors: its own. */
+/* Make a room for the lit box, lit by the volume.  The volume is borrowed (rec_room_light).  Errors: its own. */
 PVX_MUST_CHECK pvx_err dmn_room_of(const struct rec_grid *g, const float *dense, int nch,
                                    pvx_pool *pool, rec_room **out);
 
-/* Exposure of a picture of the room: 5 x that of the flame alone, so that the room is visible too.  At the distance of
- * a flame's height, surfaces are a hundredth as bright as the core of the flame, which is overexposed. */
+/* Exposure of a picture of the room: 5 x that of the flame alone, so that the room is visible too.  At the distance
+ * of a flame's height, surfaces are a hundredth as bright as the core of the flame, which is overexposed. */
 PVX_MUST_CHECK pvx_err dmn_room_exposure(const struct rec_grid *g, const float *dense, int nch,
                                          pvx_pool *pool, double *out);
 
