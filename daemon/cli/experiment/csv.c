@@ -4,7 +4,7 @@
 #include "base/file.h"
 #include "daemon/cli/experiment/experiment.h"
 
-/* Frames without flame are counted in no mean. */
+/* Frames without flame do not count in the means. */
 struct experiment_mean experiment_mean_of(const struct experiment *x, const char *prefix)
 {
     struct experiment_mean m = {.n = 0};

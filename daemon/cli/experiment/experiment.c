@@ -7,7 +7,7 @@
 #include "base/mem.h"
 #include "daemon/cli/experiment/report.h"
 
-/* Frame sets that lack no camera, at most frames_max, evenly spread. */
+/* Choose at most frames_max of the complete frame sets, evenly spread. */
 static pvx_err choose_sets(struct experiment *x, struct pvx_diag *d)
 {
     size_t all = 0, most = x->o->frames_max;
@@ -48,7 +48,7 @@ static pvx_err choose_unused(struct experiment *x, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* One binning for all: that of the finest grid. */
+/* Choose one binning for all grids: that of the finest grid. */
 static pvx_err experiment_choose_binning(struct experiment *x, struct pvx_diag *d)
 {
     const struct experiment_options *o = x->o;
@@ -69,7 +69,7 @@ static pvx_err experiment_choose_binning(struct experiment *x, struct pvx_diag *
     return e == PVX_OK ? frames_in_begin(&x->in, x->matrix.binning, CAP_MOSAIC_DEMOSAIC, d) : e;
 }
 
-/* The files of the recording: a change in one changes sizes or times. */
+/* Describe the files of the recording, so that a changed file is noticed by size or time. */
 static void describe_files(const struct experiment *x, FILE *f)
 {
     long long bytes = 0, seconds = 0, newest = 0;
@@ -88,7 +88,7 @@ static void describe_files(const struct experiment *x, FILE *f)
             x->in.number[x->in.n - 1], bytes, newest);
 }
 
-/* All that the measurements depend on. */
+/* Describe everything on which the measurements depend. */
 static pvx_err experiment_describe(const struct experiment *x, char **out, struct pvx_diag *d)
 {
     const struct experiment_options *o = x->o;

@@ -1,10 +1,10 @@
-/* What the paper found, and whether it holds here. */
+/* findings.c - the findings of the paper, and whether they hold for this recording. */
 #include <math.h>
 #include <string.h>
 
 #include "daemon/cli/experiment/report.h"
 
-#define SAME 1.02 /* a difference below this is none */
+#define SAME 1.02 /* values within this factor count as equal */
 
 double experiment_over_channels(const struct experiment *x, const double *v)
 {
@@ -63,7 +63,7 @@ static void findings_counts(const struct experiment *x, struct experiment_findin
     f->holds = share < 0.2;
 }
 
-/* Of the frames with flame, how many are better on the finest grid than on the coarsest. */
+/* Count the frames with flame that are better on the finest grid than on the coarsest. */
 static void frames(const struct experiment *x, struct experiment_finding *f)
 {
     size_t n = 0, better = 0;
@@ -163,7 +163,7 @@ static double solver_error(const struct experiment *x, const double *v)
     return v != NULL ? experiment_over_channels(x, v) : NAN;
 }
 
-/* Solvers that are better and faster than `own`, in any basis, on any grid; n: how many. */
+/* List the solvers that are better and faster than `own`, in any basis, on any grid.  Returns how many they are. */
 static size_t ahead_of(const struct experiment *x, const double *own, char *list, size_t size)
 {
     int32_t voxels[EXPERIMENT_GRIDS + 1];
@@ -183,7 +183,7 @@ static size_t ahead_of(const struct experiment *x, const double *own, char *list
     return n;
 }
 
-/* The default solver and the paper's, and the solvers that are ahead in both error and time. */
+/* Compare the default solver with the paper's, and list the solvers that are better in both error and time. */
 static void solvers(const struct experiment *x, struct experiment_finding *f)
 {
     enum rec_basis basis = x->rig.grid.basis;

@@ -70,7 +70,7 @@ void experiment_lab_close(struct experiment_lab *l)
     *l = (struct experiment_lab){0};
 }
 
-/* Photometry works in place: the pictures come from `raw` each time.  What a set says of its files stays. */
+/* Fill the frame from `raw` again, because photometry works in place.  The frame's information about files stays. */
 static void lab_fill(struct experiment_lab *l, uint64_t used)
 {
     size_t cs = (size_t)l->cs;

@@ -5,7 +5,7 @@
 
 #include "base/clock.h"
 
-#define TIMES 3 /* a solver is timed */
+#define TIMES 3 /* how often a solver is timed */
 
 /* ---- choices of views ---- */
 
@@ -36,7 +36,7 @@ size_t experiment_choices(const struct experiment *x, size_t views)
     return all < EXPERIMENT_CHOICES ? (size_t)all : EXPERIMENT_CHOICES;
 }
 
-/* They are counted in the order of their first cameras; where there are too many, evenly spread over it. */
+/* The choices are in the order of their first cameras.  If there are too many, those measured are evenly spread. */
 uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k)
 {
     size_t n = x->rig.n_cameras, left = views;
@@ -57,7 +57,7 @@ uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k)
 
 /* ---- units ---- */
 
-static struct cli_progress silent = {.quiet = true}; /* only ends at Ctrl-C */
+static struct cli_progress silent = {.quiet = true}; /* only stops the work at Ctrl-C */
 
 struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels)
 {
@@ -74,7 +74,7 @@ pvx_err experiment_finished(struct experiment *x, const char *key, const double 
                             struct pvx_diag *d)
 {
     PVX_TRY(experiment_state_add(&x->state, key, v, d));
-    /* one that is made again counts once */
+    /* a unit that is made again counts only once */
     cli_progress(&x->bar, (double)x->state.n / (double)x->units);
     return PVX_OK;
 }
@@ -88,7 +88,7 @@ static void add_error(const struct experiment_error *e, double *v)
     v[EXPERIMENT_BINS] += e->bins;
 }
 
-/* The loaded set from the cameras used, compared with all that are not, as one unit: their mean. */
+/* Solve the loaded set from the cameras used.  The errors are means over the comparisons with all other cameras. */
 static pvx_err experiment_measure_measure(struct experiment_lab *l, uint64_t used,
                                           double v[EXPERIMENT_VALUES])
 {
@@ -111,7 +111,7 @@ static pvx_err experiment_measure_measure(struct experiment_lab *l, uint64_t use
     return PVX_OK;
 }
 
-/* Of all cameras but the unused one; the others that are not used are none. */
+/* Measure a unit that uses all cameras but the unused one. */
 static pvx_err measure_unused(struct experiment *x, struct experiment_lab *l, const char *key,
                               struct pvx_diag *d)
 {
@@ -205,7 +205,8 @@ static pvx_err all_views(struct experiment *x, struct pvx_diag *d)
 
 /* ---- error against time ---- */
 
-/* The least time of some: the first touches its memory, others may be disturbed.  The volume is the same. */
+/* Take the least of several times: the first run touches its memory, and others may be disturbed.  The volume is the
+ * same each time. */
 static pvx_err time_solver(struct experiment *x, struct experiment_lab *l, const char *key,
                            struct pvx_diag *d)
 {
@@ -263,7 +264,7 @@ static pvx_err one_solver(struct experiment *x, struct experiment_lab *l,
     return time_solver(x, l, key, d);
 }
 
-/* All of them on one matrix. */
+/* Measure all solvers on one matrix. */
 static pvx_err one_matrix(struct experiment *x, enum rec_basis basis, int32_t voxels,
                           struct pvx_diag *d)
 {
@@ -290,14 +291,14 @@ static pvx_err all_solvers(struct experiment *x, struct pvx_diag *d)
 
 /* ---- the frame that is looked at closely ---- */
 
-/* How far it is from the middle of the recording, outwards. */
+/* The k-th place of n, from the middle outwards. */
 static size_t measure_outwards(size_t n, size_t k)
 {
     size_t m = n / 2, step = (k + 1) / 2;
     return k % 2 == 1 ? m - step : m + step;
 }
 
-/* The one nearest to the middle in which the hull of the cameras used holds something. */
+/* Find the frame nearest to the middle whose hull is not empty. */
 static pvx_err find_one(struct experiment *x, struct pvx_diag *d)
 {
     struct experiment_lab l = {.S = NULL};

@@ -116,6 +116,6 @@ void experiment_parse(int argc, char **argv, struct experiment_options *o)
                                      .last = FRAMES_IN_LAST,
                                      .frames_max = 100};
     o->frame = rec_frame_defaults;
-    o->frame.trust_all = true; /* an experiment is to show a camera that is wrong, not hide it */
+    o->frame.trust_all = true; /* an experiment must show a wrong camera, not hide it */
     argp_parse(&argp, argc, argv, 0, NULL, o);
 }

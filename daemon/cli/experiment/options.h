@@ -1,4 +1,4 @@
-/* options.h - what can be said to `pyrovox experiment`. */
+/* options.h - the command line of `pyrovox experiment`. */
 #ifndef EXPERIMENT_OPTIONS_H
 #define EXPERIMENT_OPTIONS_H
 #include "daemon/cli/common/frames_in.h"

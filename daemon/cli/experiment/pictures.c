@@ -1,5 +1,5 @@
-/* Figures 3, 4, 7, 8 and 9, of one frame at the experiment's grid.  Each is a unit as measurements are: it is not made
- * again while its file is there. */
+/* pictures.c - Figures 3, 4, 7, 8 and 9, of one frame at the experiment's grid.  Each is a unit like a measurement.
+ * It is not made again while its file exists. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -116,7 +116,7 @@ static pvx_err figure4(struct experiment *x, struct experiment_lab *l, double *v
 
 /* ---- Figure 7: original, reconstruction, difference ---- */
 
-/* What there is to see: bins in the model's silhouette or the picture's, and some around them. */
+/* The part of a picture to show: bins in the model's or the picture's silhouette, and some around them. */
 struct crop {
     size_t x0, y0, w, h;
 };
@@ -150,7 +150,7 @@ static struct crop crop_of(const struct experiment_lab *l, size_t c)
     return (struct crop){x0, y0, x1 - x0 + 1, y1 - y0 + 1};
 }
 
-/* Correlation of picture and model where either shows, over all channels of camera c. */
+/* Correlation of picture and model in bins where either shows light, over all channels of camera c. */
 static double likeness(const struct experiment_lab *l, size_t c)
 {
     double n = 0, sp = 0, sq = 0, pp = 0, qq = 0, pq = 0;
@@ -214,7 +214,7 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
 
 /* ---- Figures 8 and 9 ---- */
 
-/* A strip of the frame at set[i], from all cameras; none where there is no flame. */
+/* Solve the frame at set[i] from all cameras, and save a strip of it. */
 static pvx_err flame(struct experiment *x, struct experiment_lab *l, size_t i, const char *name,
                      struct pvx_diag *d)
 {
@@ -240,7 +240,7 @@ static pvx_err figure8(struct experiment *x, struct experiment_lab *l, double *v
     return flame(x, l, x->one, "fig8.png", d);
 }
 
-/* The frame of Figure 8 in a room that it lights: from three sides, and once round. */
+/* Draw the frame of Figure 8 in a room that it lights: from three sides, and a film around it. */
 static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pvx_diag *d)
 {
     struct dmn_strip_params s = dmn_strip_defaults;
@@ -259,7 +259,7 @@ static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pv
     film.width = 320;
     film.height = 240;
     film.progress = cli_progress;
-    film.ctx = &(struct cli_progress){.quiet = true}; /* only ends at Ctrl-C */
+    film.ctx = &(struct cli_progress){.quiet = true}; /* only stops the work at Ctrl-C */
     pictures_path_of(x, "fig9.apng", path, sizeof path);
     pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
     pictures_path_of(x, "fig9.png", path, sizeof path);

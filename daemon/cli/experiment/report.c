@@ -70,7 +70,7 @@ static void figure_of(const struct page *p, const struct plot *plot, const char 
 
 /* ---- plots ---- */
 
-/* Means by channel: at[n] with keys "PREFIX:at:"; with the pixels beside the model's silhouette too, or the spread. */
+/* A plot of the means of each channel over at[n], from units with keys "PREFIX:at:". */
 struct curve {
     const char *prefix, *x, *caption;
     const int *at;
@@ -376,7 +376,7 @@ pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d)
 
 /* ---- PDF ---- */
 
-/* Its exit code, or -1 - errno. */
+/* Run weasyprint.  Returns its exit code, or -1 - errno. */
 static int weasyprint(const char *html, const char *pdf)
 {
     const char *const argv[] = {"weasyprint", "--quiet", html, pdf, NULL};
@@ -406,7 +406,7 @@ pvx_err experiment_pdf(const struct experiment *x)
     unlink(part);
     if (cli_stop)
         return PVX_ECANCELED;
-    unlink(pdf); /* one of an earlier run would be of other figures */
+    unlink(pdf); /* an older PDF would show other figures */
     fprintf(stderr,
             rc < 0
                 ? "pyrovox: no report.pdf: weasyprint is not installed; `apt install weasyprint` "

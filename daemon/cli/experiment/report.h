@@ -1,9 +1,9 @@
-/* report.h - DIR/report.html, one page that needs no other file, and DIR/report.pdf of it. */
+/* report.h - write DIR/report.html, one page that needs no other file, and DIR/report.pdf from it. */
 #ifndef EXPERIMENT_REPORT_H
 #define EXPERIMENT_REPORT_H
 #include "daemon/cli/experiment/experiment.h"
 
-/* A figure: what the paper found and what this recording shows; holds: 1 yes, 0 no, -1 nothing to measure. */
+/* A figure: the paper's finding and this recording's.  holds: 1 yes, 0 no, -1 nothing to measure. */
 struct experiment_finding {
     const char *figure, *paper;
     char here[700];
@@ -27,9 +27,9 @@ void experiment_findings(const struct experiment *x,
 /* Mean over the channels. */
 double experiment_over_channels(const struct experiment *x, const double *v);
 
-/* Errors: the files'. */
+/* Write report.html.  Errors: the files'. */
 PVX_MUST_CHECK pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d);
-/* By weasyprint.  If it is missing or fails, that is printed on stderr and there is no PDF.
+/* Make report.pdf with weasyprint.  If it is missing or fails, that is printed on stderr and there is no PDF.
  * PVX_ECANCELED: stopped. */
 PVX_MUST_CHECK pvx_err experiment_pdf(const struct experiment *x);
 

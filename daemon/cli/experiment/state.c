@@ -29,7 +29,7 @@ static pvx_err state_keep(struct experiment_state *s, const struct experiment_un
     return PVX_OK;
 }
 
-/* (1); false: not one. */
+/* Read a line (1).  false: it is no such line. */
 static bool read_line(char *line, struct experiment_unit *u)
 {
     char *at = strchr(line, ',');
@@ -66,7 +66,7 @@ static pvx_err read_done(struct experiment_state *s, const char *path, struct pv
     return e == PVX_OK ? e : pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
 }
 
-/* Whether what is there belongs to these arguments; afterwards it does. */
+/* Check that the results in `out` belong to these arguments.  Without results, or with anew, start with them. */
 static pvx_err check_arguments(const char *out, const char *arguments, bool anew,
                                struct pvx_diag *d)
 {
@@ -91,8 +91,8 @@ static pvx_err check_arguments(const char *out, const char *arguments, bool anew
     return same ? PVX_OK : pvx_file_write(path, arguments, strlen(arguments), d);
 }
 
-/* What was read is written again: without the piece of a line that a crash may have left.  Beside the file that is
- * there, which stays until all of it is written: the disk may be full. */
+/* Write the units that were read again, without the incomplete line that a crash may have left.  The old file stays
+ * until all of the new one is written, because the disk may be full. */
 static pvx_err rewrite(struct experiment_state *s, const char *path, struct pvx_diag *d)
 {
     char beside[4310];

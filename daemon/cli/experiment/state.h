@@ -1,4 +1,4 @@
-/* state.h - the results of an experiment, kept as they are made: DIR/state/done.csv, a line for each unit of work,
+/* state.h - the results of an experiment, saved one by one: DIR/state/done.csv, a line for each unit of work,
  *
  *     KEY,v0,v1,...        "grid:64:000017"  "views:5:12"  "solver:pcg:box"                            (1)
  *
@@ -22,11 +22,11 @@ struct experiment_state {
     FILE *file;
 };
 
-/* Continue in `out`, which is made if it does not exist.  PVX_EINVAL: it has other arguments (anew: begin again). */
+/* Continue in `out`, which is made if it does not exist.  anew: begin again.  PVX_EINVAL: it has other arguments. */
 PVX_MUST_CHECK pvx_err experiment_state_open(struct experiment_state *s, const char *out,
                                              const char *arguments, bool anew, struct pvx_diag *d);
 void experiment_state_close(struct experiment_state *s);
-/* NULL: not done yet. */
+/* Values of a unit.  NULL: not done yet. */
 const double *experiment_state_find(const struct experiment_state *s, const char *key);
 PVX_MUST_CHECK pvx_err experiment_state_add(struct experiment_state *s, const char *key,
                                             const double v[EXPERIMENT_VALUES], struct pvx_diag *d);
