@@ -11,8 +11,8 @@
 #include "capture/pixel/pixfmt.h"
 #include "daemon/cli/pictures/look.h"
 
-#define OPEN_NS (10 * PVX_NS_PER_S) /* patience with cameras that do not open */
-#define SAID_NS (2 * PVX_NS_PER_S)  /* and have said why */
+#define OPEN_NS (10 * PVX_NS_PER_S) /* longest wait for cameras that do not open */
+#define SAID_NS (2 * PVX_NS_PER_S)  /* longest wait if all of them report an error */
 #define LOOK_NS (50 * PVX_NS_PER_MS)
 
 /* ---- frames ----------------------------------------------------------------------------------- */
@@ -79,7 +79,7 @@ static void note_set(struct camtest *t, struct cap_set *s)
 
 /* ---- set-up ----------------------------------------------------------------------------------- */
 
-/* A rig of cameras that are nothing but names and sizes; `text`: the configuration that goes with it. */
+/* Make a rig of cameras that have only names and sizes, and the cameras of its configuration c. */
 static pvx_err make_rig(struct camtest *t, const struct camtest_options *o, struct dmn_config *c,
                         struct pvx_diag *d)
 {
@@ -105,7 +105,7 @@ static pvx_err make_rig(struct camtest *t, const struct camtest_options *o, stru
     return PVX_OK;
 }
 
-/* What sim: cameras without a rig see: a ramp that moves. */
+/* The picture of sim: cameras without a rig: a ramp that moves. */
 static void camtest_ramp(void *ctx, uint32_t camera, int64_t t_ns, enum cap_pixfmt fmt, int32_t w,
                          int32_t h, void *data)
 {
@@ -196,8 +196,8 @@ pvx_err camtest_new(const struct camtest_options *o, struct camtest **out, struc
 
 /* ---- run -------------------------------------------------------------------------------------- */
 
-/* Every camera gives frames that count; or there is no more patience with those that do not: less with
- * one that has said what is wrong, unless it only waits for its clock. */
+/* Whether every camera gives frames, or the wait for the others is over.  The wait is shorter if all of these report
+ * an error, except with PTP: there they may only wait for their clocks. */
 static bool settled(struct camtest *t, struct cap_stats *s, int64_t waited_ns)
 {
     bool all = true, all_said = true;
@@ -213,7 +213,7 @@ static bool settled(struct camtest *t, struct cap_stats *s, int64_t waited_ns)
     return all || waited_ns > (all_said ? SAID_NS : OPEN_NS);
 }
 
-/* PVX_ECLOSED: all sources have ended. */
+/* Take the next set, if there is one.  PVX_ECLOSED: all sources have ended. */
 static pvx_err next_set(struct camtest *t)
 {
     struct cap_set *s = NULL;

@@ -1,10 +1,10 @@
 /* camtest.h - all cameras opened together, watched for some seconds, and judged.
  *
- * Of each camera: frames, rate, intervals by its own stamps and by arrival, what was lost and why, how
- * far its exposures lie from the middle of their sets, bytes; of all: the spread of the sets.
- * Intervals are taken between frames with successive numbers only, so that a lost frame is not also
- * jitter.  Counts are those of the measured time; what happened while cameras were opened is not.
- * Threads: one test belongs to one thread, frames outside of sets come from capture's. */
+ * Measured for each camera: frames, rate, bytes, intervals by its own stamps and by arrival, lost frames and their
+ * causes, and how far its exposures lie from the middle of their sets.  For all together: the spread of the sets.
+ * Intervals are taken only between frames with successive numbers, so that a lost frame does not also count as
+ * jitter.  Counts are of the measured time only, without the time in which cameras were opened.
+ * Threads: one test belongs to one thread.  Frames outside of sets come from capture's threads. */
 #ifndef CAMTEST_H
 #define CAMTEST_H
 #include <pthread.h>
@@ -55,7 +55,7 @@ struct camtest {
     struct camtest_camera camera[REC_MAX_CAMERAS];
     struct camtest_series spread;
     struct pvx_hist spread_hist;
-    uint64_t sets, by_size[REC_MAX_CAMERAS + 1]; /* with so many cameras */
+    uint64_t sets, by_size[REC_MAX_CAMERAS + 1]; /* by_size[k]: sets with k cameras */
     /* filled in by camtest_judge */
     uint64_t whole;               /* sets with every camera that gives frames */
     enum camtest_verdict verdict; /* of the sets */
@@ -74,10 +74,10 @@ struct camtest_options {
 /* Owner: caller, camtest_free.  Errors: the configuration's, capture's. */
 PVX_MUST_CHECK pvx_err camtest_new(const struct camtest_options *o, struct camtest **out,
                                    struct pvx_diag *d);
-/* Until the time is over or cli_stop (interrupted); progress on stderr. */
+/* Measure until the time is over or cli_stop (then `interrupted` is set).  Progress goes to stderr. */
 PVX_MUST_CHECK pvx_err camtest_run(struct camtest *t, struct pvx_diag *d);
 void camtest_judge(struct camtest *t);
-/* One picture of each camera that gave one, DIR/NAME.png. */
+/* Save a picture of each camera that gave one as DIR/NAME.png. */
 PVX_MUST_CHECK pvx_err camtest_save(const struct camtest *t, const char *dir, struct pvx_diag *d);
 void camtest_print(FILE *f, const struct camtest *t, int width);
 PVX_MUST_CHECK pvx_err camtest_print_json(FILE *f, const struct camtest *t, struct pvx_diag *d);

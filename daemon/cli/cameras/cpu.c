@@ -1,4 +1,4 @@
-/* cpu.c - `pyrovox cpu`: which inner loops this machine runs, and why. */
+/* cpu.c - `pyrovox cpu`: which inner loops are used on this machine, and why. */
 #include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>

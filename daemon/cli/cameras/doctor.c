@@ -1,4 +1,4 @@
-/* doctor.c - `pyrovox doctor`: what on this host loses frames, and the remedy for each. */
+/* doctor.c - `pyrovox doctor`: causes of lost frames on this host, and the remedy for each. */
 #include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -114,7 +114,7 @@ static int doctor_run(int argc, char **argv)
 {
     struct args a = {.sample_s = 1};
     const struct argp argp = {.options = options, .parser = doctor_parse, .doc = doc};
-    argp_err_exit_status = 3; /* 1 and 2 say how well the host is */
+    argp_err_exit_status = 3; /* 1 and 2 are verdicts about the host */
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     struct doctor *doctor = pvx_calloc(1, sizeof *doctor);
     struct doc_host host;

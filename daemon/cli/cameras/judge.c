@@ -1,4 +1,4 @@
-/* judge.c - what the numbers of a test say about each camera, and what to do. */
+/* judge.c - the verdict about each camera from the numbers of a test, and the remedy. */
 #include <math.h>
 #include <stdarg.h>
 
@@ -28,7 +28,7 @@ double camtest_worst(const struct camtest_series *s)
 
 static void judge_say(struct camtest_camera *c, enum camtest_verdict v, const char *remedy,
                       const char *fmt, ...) PVX_PRINTF(4, 5);
-/* The worst comes first and stays. */
+/* Set verdict and text, unless the camera has one that is as bad or worse. */
 static void judge_say(struct camtest_camera *c, enum camtest_verdict v, const char *remedy,
                       const char *fmt, ...)
 {
@@ -42,7 +42,7 @@ static void judge_say(struct camtest_camera *c, enum camtest_verdict v, const ch
     snprintf(c->remedy, sizeof c->remedy, "%s", remedy);
 }
 
-/* Frames that the camera made, as far as we know. */
+/* Frames that the camera made, as far as is known. */
 static double made(const struct camtest_camera *c)
 {
     return (double)(c->frames + c->count[CAP_INCOMPLETE] + c->count[CAP_BAD_SIZE] +
@@ -52,7 +52,7 @@ static double made(const struct camtest_camera *c)
 static void no_frames(const struct camtest *t, struct camtest_camera *c)
 {
     if (c->stats.error[0] != '\0' && c->count[CAP_RECEIVED] == 0)
-        judge_say(c, CAMTEST_FAIL, "", "%s", c->stats.error); /* which has its remedy */
+        judge_say(c, CAMTEST_FAIL, "", "%s", c->stats.error); /* contains its remedy */
     else if (c->count[CAP_INCOMPLETE] > 0)
         judge_say(
             c, CAMTEST_FAIL, "`pyrovox doctor` looks for the cause: MTU, socket buffers, the card",
@@ -137,7 +137,7 @@ static void timing(const struct camtest *t, struct camtest_camera *c)
                   "its link is full: %.0f of %.0f Mb/s", mbps, h->link_mbps);
 }
 
-/* What capture has found out by itself: slips, missed triggers, a wrong clock ... */
+/* Judge the troubles that capture found itself: slips, missed triggers, a wrong clock ... */
 static void judge_troubles(struct camtest_camera *c)
 {
     for (uint32_t i = 0; i < c->stats.n_troubles && i < CAP_TROUBLES_MAX; i++) {
@@ -190,7 +190,7 @@ void camtest_judge(struct camtest *t)
         c->what[0] = c->remedy[0] = '\0';
         double s = (double)(c->last_mono_ns - c->first_mono_ns) * 1e-9;
         c->hz = c->frames > 1 && s > 0 ? (double)(c->frames - 1) / s : 0;
-        /* frames that were lost were made, too: the camera's own rate counts them */
+        /* the camera also made the frames that were lost: its own stamps give the true rate */
         if (c->device.n > 2 && c->device.mean > 0)
             c->hz = 1 / c->device.mean;
         if (c->frames == 0)

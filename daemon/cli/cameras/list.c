@@ -179,7 +179,7 @@ void cameras_formats(const char *formats, char *out, size_t size)
     }
     for (size_t k = 0; k < n && len < size; k++) {
         if (kind[k].sizes == 0)
-            continue; /* told with an earlier one */
+            continue; /* printed with an earlier one */
         len += (size_t)snprintf(out + len, size - len, "%s%s", len > 0 ? "; " : "", kind[k].name);
         for (size_t i = k + 1; i < n && len < size && kind[k].pixels > 0; i++)
             if (kind[i].sizes == kind[k].sizes && strcmp(kind[i].rest, kind[k].rest) == 0) {

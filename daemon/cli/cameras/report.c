@@ -16,7 +16,7 @@ static double share(const struct camtest_camera *c)
     return isfinite(mbps) && mbps > 0 ? bytes * 8e-6 / mbps : NAN;
 }
 
-/* Frames that did not come to us whole and in time. */
+/* Frames that did not arrive whole and in time. */
 static uint64_t cameras_lost(const struct camtest_camera *c)
 {
     static const enum cap_count causes[] = {CAP_INCOMPLETE, CAP_BAD_SIZE, CAP_BAD_FORMAT,
@@ -56,7 +56,7 @@ static void print_verdict(FILE *f, const struct camtest *t, uint32_t i, int widt
     char line[1024];
     char own[128], picture[64] = "";
     snprintf(own, sizeof own, "camera %s ", c->name);
-    bool named = strncmp(c->what, own, strlen(own)) == 0; /* by the source already */
+    bool named = strncmp(c->what, own, strlen(own)) == 0; /* the source named it already */
     if (c->frames > 0)
         snprintf(picture, sizeof picture, ", %dx%d %s", c->width, c->height,
                  cap_pixfmt_name(c->fmt));

@@ -1,4 +1,4 @@
-/* test.c - `pyrovox cameras test`: what cameras really give, and whether together. */
+/* test.c - `pyrovox cameras test`: measures what cameras deliver, and whether they expose together. */
 #include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -75,7 +75,7 @@ static error_t cameras_parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-/* All that can be found. */
+/* Use all cameras that can be found. */
 static bool find_all(struct args *a, struct cameras_list *l)
 {
     cameras_find(NULL, l);
@@ -125,7 +125,7 @@ int cmd_cameras_test(int argc, char **argv)
     struct cameras_list *l = calloc(1, sizeof *l);
     if (l == NULL)
         return cli_error(NULL, PVX_ENOMEM);
-    pvx_log_set_level(PVX_LOG_ERROR); /* the report says what went wrong */
+    pvx_log_set_level(PVX_LOG_ERROR); /* the report contains the warnings */
     cli_catch_stop();
     int code = 1;
     if (a.o.config != NULL || a.o.n > 0 || find_all(&a, l))
