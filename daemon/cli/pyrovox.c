@@ -1,4 +1,4 @@
-/* pyrovox.c - everything a person types: `pyrovox COMMAND [ARGUMENTS]`. */
+/* pyrovox.c - the program `pyrovox COMMAND [ARGUMENTS]`: finds the command and runs it. */
 #include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>

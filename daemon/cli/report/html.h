@@ -1,5 +1,5 @@
-/* html.h - text and numbers into a page that is HTML and also well-formed XML.  Names of folders and cameras, and
- * messages, stay text whatever they contain. */
+/* html.h - write text and numbers into a page that is HTML and also well-formed XML.  Names of folders and cameras
+ * and messages remain text whatever characters they contain. */
 #ifndef CALIBRATE_REPORT_HTML_H
 #define CALIBRATE_REPORT_HTML_H
 #include <stdint.h>
@@ -8,13 +8,13 @@
 /* The style sheet of every page: light, dark if the browser asks for it, and on paper. */
 extern const char report_style[];
 
-/* Escaped, for use between tags and in quotes.  Bytes that are not UTF-8 or not a character of XML become '?'. */
+/* Write s escaped, for use between tags and in quotes.  Bytes that are no UTF-8 or no XML character become '?'. */
 void html_text(FILE *f, const char *s);
-/* With so many decimals; a dash if v is not finite. */
+/* Write v with so many decimals, or a dash if v is not finite. */
 void html_number(FILE *f, double v, int decimals);
 /* The same as a cell of a table. */
 void html_cell(FILE *f, double v, int decimals);
-/* A file inside the page, behind "data:TYPE;base64,". */
+/* Write a file into the page, after "data:TYPE;base64,". */
 void html_base64(FILE *f, const uint8_t *v, size_t n);
 
 #endif

@@ -13,7 +13,7 @@ double report_round(double v)
 #define WIDTH  720.0
 #define HEIGHT 380.0
 #define LEFT   64.0
-#define RIGHT  150.0 /* the series' names */
+#define RIGHT  150.0 /* room for the names of the series */
 #define TOP    14.0
 #define BOTTOM 52.0
 #define INK    "#5b6670"
@@ -124,14 +124,14 @@ static void plot_line(FILE *f, const struct frame *t, const struct plot_series *
     fputs("\"/>", f);
 }
 
-/* Beside a point; lower where there is one already: by more than what counts as being there, so that rounding does not
- * find the same one again and again. */
+/* Write a label beside a point, or lower if a label is there already.  The step is larger than the distance that
+ * counts as "there", so that rounding cannot find the same label again and again. */
 static void plot_beside(FILE *f, struct frame *t, double x, double y, const char *s)
 {
     for (size_t i = 0; i < t->labels; i++)
         if (fabs(t->label[i][0] - x) < 60 && fabs(t->label[i][1] - y) < 12) {
             y = t->label[i][1] + 12.1;
-            i = (size_t)-1; /* again from the first */
+            i = (size_t)-1; /* begin with the first again */
         }
     if (t->labels < LABELS) {
         t->label[t->labels][0] = x;

@@ -9,20 +9,20 @@
 struct plot_series {
     const char *name, *colour;
     size_t n;
-    const double *x, *y;      /* [n]; what is no number is not drawn */
+    const double *x, *y;      /* [n]; only finite points are drawn */
     const double *spread;     /* [n] a bar of so much up and down, or NULL */
     const char *const *label; /* [n] beside each point, or NULL */
     bool points, dashed;      /* points: no line */
 };
 struct plot {
-    const char *x, *y; /* what the axes say */
+    const char *x, *y; /* labels of the axes */
     bool log_x;        /* all x > 0 */
     const struct plot_series *series;
     size_t n;
 };
 /* A round number (1, 2, 5 times a power of ten) that is not above v > 0. */
 double report_round(double v);
-/* A figure's svg; y begins at 0, of points alone below the lowest. */
+/* Write the plot as an svg element.  y begins at 0, or below the lowest point if there are only points. */
 void plot_svg(FILE *f, const struct plot *p);
 
 #endif

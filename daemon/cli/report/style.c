@@ -1,4 +1,4 @@
-/* The look of the report: light, dark by the reader's own choice, and on paper. */
+/* style.c - the look of the report: light, dark if the browser asks for it, and on paper. */
 #include "daemon/cli/report/html.h"
 
 const char report_style[] =
