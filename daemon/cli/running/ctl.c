@@ -1,4 +1,4 @@
-/* ctl.c - `pyrovox ctl`: tell a running daemon something; the commands are those of its own table. */
+/* ctl.c - `pyrovox ctl`: send a command of the daemon's own table to a running daemon. */
 #include <argp.h>
 #include <limits.h>
 #include <stdio.h>
@@ -18,7 +18,7 @@ struct args {
     const char *endpoint, *key;
     bool json;
     int n;
-    const char *word[WORDS_MAX + 2]; /* the command first; NULL ends them */
+    const char *word[WORDS_MAX + 2]; /* the command first, NULL last */
 };
 
 static const struct argp_option options[] = {
@@ -31,7 +31,7 @@ static const struct argp_option options[] = {
 
 static const char doc[] = "Tell a running pyrovoxd something.\v";
 
-/* The table, and examples, after the options. */
+/* Text of --help after the options: the table of commands, and examples. */
 static char *ctl_help(int key, const char *text, void *input)
 {
     char *out = NULL;
@@ -95,7 +95,7 @@ static void print_options(const cJSON *list)
     }
 }
 
-/* What a person wants to see of it: options as a table, else its members but ok and version. */
+/* Print a reply: options as a table, the status as JSON, others as their members without ok and version. */
 static void ctl_print(const cJSON *reply, const char *command)
 {
     const cJSON *m, *list = cJSON_GetObjectItemCaseSensitive(reply, "options");

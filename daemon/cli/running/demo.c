@@ -211,7 +211,7 @@ static void demo_become(struct demo *m, pid_t parent)
     snprintf(config, sizeof config, "%s/pyrovoxd.yaml", m->dir);
     snprintf(fps, sizeof fps, "%.17g", m->a.fps);
     snprintf(ring, sizeof ring, "%lld", m->ring);
-    setpgid(0, 0); /* a terminal's Ctrl-C is for the demo alone; the group is what is ended */
+    setpgid(0, 0); /* only the demo receives a terminal's Ctrl-C, and ends the whole group */
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent)
         _exit(125);
@@ -232,12 +232,12 @@ static bool child_gone(struct demo *m)
         return true;
     if (waitpid(m->child, &status, WNOHANG) != m->child)
         return false;
-    kill(-m->child, SIGKILL); /* the daemon, should it have been left behind */
+    kill(-m->child, SIGKILL); /* the daemon, if it is still running */
     m->child = 0;
     return true;
 }
 
-/* SIGTERM to simcams, which hands it on to the daemon and waits for it. */
+/* Send SIGTERM to simcams, which passes it to the daemon and waits for the daemon. */
 static bool stop_child(struct demo *m)
 {
     if (child_gone(m))
@@ -298,14 +298,14 @@ static void show_failure(const struct demo *m)
 
 /* ---- watching ---- */
 
-/* The daemon's account of sets that did not become volumes. */
+/* The daemon's count of sets that did not become volumes. */
 static double not_published(const cJSON *s)
 {
     return ask_num(s, "sets", "dropped") + ask_num(s, "sets", "incomplete_dropped") +
            ask_num(s, "sets", "displaced");
 }
 
-/* From the start of the programs to the steady state. */
+/* Wait from the start of the programs until the steady state. */
 static pvx_err warm_up(struct demo *m, struct pvx_diag *d)
 {
     char last[160] = "";
@@ -377,15 +377,15 @@ static pvx_err write_picture(struct demo *m, struct pvx_diag *d)
     return dmn_strip_save(&g, m->follow.dense, channels, &dmn_strip_defaults, NULL, m->png, d);
 }
 
-/* The steady period's figures; taken before anything is stopped. */
+/* Write the figures of the steady period.  Call it before anything is stopped. */
 static pvx_err result(struct demo *m, char *text, size_t size, struct pvx_diag *d)
 {
     double rate = follow_rate(&m->follow);
     cJSON *j;
     PVX_TRY(ask(m->control, NULL, "status", 2000, &j, d));
     struct follow *f = &m->follow;
-    /* Two accounts of what is missing, the subscriber's by exposure times and the daemon's by
-     * causes; a set that fell between can be in either, so the worse one is told. */
+    /* Missing sets are counted twice: by the subscriber from exposure times, by the daemon by
+     * causes.  A set at the border of the period can be in only one count, so the larger is used. */
     double seen = (double)f->missing, told = not_published(j) - m->dropped0 + (double)f->lost;
     snprintf(text, size,
              "result: {\"sets\":%llu,\"sets_per_s\":%.2f,\"lost\":%.0f,\"latency_ms_p50\":%.2f,"

@@ -16,7 +16,7 @@ static void demo_view_become(const char *bin, const char *endpoint, const char *
 {
     char pyrovox[PATH_MAX + 16];
     snprintf(pyrovox, sizeof pyrovox, "%s/pyrovox", bin);
-    setpgid(0, 0); /* a terminal's Ctrl-C is for the demo alone */
+    setpgid(0, 0); /* only the demo receives a terminal's Ctrl-C */
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     int err = open(log, O_WRONLY | O_CREAT | O_APPEND, 0600);
     if (getppid() != parent || err < 0 || dup2(out, 1) < 0 || dup2(err, 2) < 0)
@@ -42,7 +42,7 @@ pvx_err demo_view_start(struct demo_view *v, const char *bin, const char *endpoi
         close(fd[0]);
         return pvx_fail(d, PVX_ENOMEM, "cannot start a process: %s", strerror(errno));
     }
-    /* one line, or the end of it */
+    /* read one line, or until the program ends */
     size_t n = 0;
     while (n < sizeof v->url - 1 && read(fd[0], v->url + n, 1) == 1 && v->url[n] != '\n')
         n++;

@@ -1,4 +1,5 @@
-/* keygen.c - `pyrovox keygen`: a key for a daemon that others reach over the network, or for one of them. */
+/* keygen.c - `pyrovox keygen`: make a key for a daemon that others reach over the network, or for one of its
+ * clients. */
 #include <argp.h>
 #include <stdio.h>
 #include <string.h>
@@ -49,7 +50,7 @@ static error_t keygen_parse(int key, char *arg, struct argp_state *state)
     }
 }
 
-/* The key of a .pub file, a list of one line. */
+/* Read the key of a .pub file, which is a list of one line. */
 static pvx_err server_key(const char *path, char out[PVP_KEY_TEXT], struct pvx_diag *d)
 {
     static struct pvp_client_list l;

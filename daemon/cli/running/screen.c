@@ -49,7 +49,7 @@ static void draw_daemon(struct page *p, const struct follow *f)
               (double)r->restrict_ns * 1e-6, (double)r->solve_ns * 1e-6);
 }
 
-/* In as many lines as it takes. */
+/* Draw a text in as many lines as it needs. */
 static void draw_words(struct page *p, int label, const char *name, const char *text)
 {
     int room = p->cols - label - 1;
@@ -58,7 +58,7 @@ static void draw_words(struct page *p, int label, const char *name, const char *
         if (n > room && room > 0)
             for (n = room; n > 0 && text[n] != ' ';)
                 n--;
-        if (n == 0) /* one long word: cut */
+        if (n == 0) /* one long word: page_line cuts it */
             n = (int)strlen(text);
         page_line(p, "%-*.*s %.*s", label, label, name, n, text);
         name = "";
@@ -79,7 +79,7 @@ static void draw_stages(struct page *p, const cJSON *s)
     draw_words(p, 8, "stages", text);
 }
 
-/* Sets that did not become a volume or were not recorded, by place; only where there are any. */
+/* Draw the places that lost sets: sets that did not become a volume or were not recorded. */
 static void draw_drops(struct page *p, const cJSON *s)
 {
     char text[400] = "";
@@ -107,7 +107,7 @@ static void draw_clients(struct page *p, const cJSON *s)
         page_line(p, "clients  %.0f subscribed; no keys", ask_num(s, "subscribers", NULL));
 }
 
-/* Why it does not run, that it is left out and why, or else the first thing that is wrong with it and what to do. */
+/* Trouble of a camera: why it does not run, else why it is left out, else the first thing wrong and its remedy. */
 static void camera_trouble(const cJSON *camera, char out[TROUBLE])
 {
     const char *error = ask_text(camera, "error", NULL), *why = ask_text(camera, "vote", "why");
@@ -137,7 +137,7 @@ static void running_draw_cameras(struct page *p, const cJSON *s)
               "frames", "bad", "late", "gaps", "lost", "agrees", "gain");
     cJSON_ArrayForEach(k, all)
     {
-        bool seen = ask_num(k, "check", "sets") > 0; /* else nothing is known of it by the flame */
+        bool seen = ask_num(k, "check", "sets") > 0; /* false: not checked by the flame yet */
         snprintf(agrees, sizeof agrees, seen ? "%.3f" : "-",
                  ask_num(k, "check", "agreement_displaced"));
         snprintf(gain, sizeof gain, seen ? "%.2f" : "-", ask_num(k, "check", "gain"));

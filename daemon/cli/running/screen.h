@@ -1,7 +1,7 @@
 /* screen.h - the live picture of a daemon, for `pyrovox top` and `pyrovox demo`.
  *
- * On a terminal it is redrawn in place, on the terminal's second screen, which is given back by
- * screen_close; anywhere else it is one line a second. */
+ * On a terminal it is redrawn in place on the terminal's second screen.  screen_close switches back to the first one.
+ * Elsewhere it is one line a second. */
 #ifndef SCREEN_H
 #define SCREEN_H
 #include <stdbool.h>
@@ -12,7 +12,7 @@ struct screen {
     long long next_ns, t0_ns;
 };
 void screen_open(struct screen *s);
-/* Draw if it is time to; `title` and `foot` are lines of text, either may be NULL. */
+/* Draw if it is time to.  `title` and `foot` are lines of text; either may be NULL. */
 void screen_draw(struct screen *s, const struct follow *f, const char *title, const char *foot);
 void screen_close(struct screen *s);
 #endif

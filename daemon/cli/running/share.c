@@ -15,7 +15,7 @@
 #include "daemon/volumes/bricks.h"
 #include "daemon/volumes/share.h"
 
-#define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
+#define WAIT_NS (200 * PVX_NS_PER_MS) /* longest reaction time to Ctrl-C */
 
 struct share {
     const char *endpoint, *key, *file;
@@ -23,7 +23,7 @@ struct share {
     bool quiet;
     /* running */
     pvp_sub *sub;
-    struct view_source film; /* of a recording instead */
+    struct view_source film; /* for a recording instead of a daemon */
     pvp_decoder *decoder;
     struct vol_store store;
     vol_share *out;
@@ -103,7 +103,7 @@ static const struct argp argp = {
         "Exit: 130 stopped by Ctrl-C, 1 failed, 2 wrong usage.",
 };
 
-/* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere. */
+/* Print the state.  On a terminal it is one line, renewed each second.  Elsewhere it is a line every ten seconds. */
 static void share_tell(struct share *s)
 {
     const int64_t now = pvx_now_mono();
@@ -135,7 +135,7 @@ static pvx_err share_unreadable(struct share *s, const char *why)
     return PVX_OK;
 }
 
-/* A volume that cannot be read is counted, and one for which there is no memory; the next may do. */
+/* Count a volume that cannot be read or for which there is no memory.  The next one may work. */
 static pvx_err share_volume(struct share *s, const void *msg, size_t len, struct pvx_diag *d)
 {
     struct pvp_view w;
@@ -210,7 +210,7 @@ static pvx_err share_run_loop(struct share *s, struct pvx_diag *d)
         pvx_err e = share_next(s, &h, &msg, &len, &why);
         if (e == PVX_OK)
             e = share_message(s, &h, msg, len, &why);
-        else if (e == PVX_ECORRUPT) /* one of a recording */
+        else if (e == PVX_ECORRUPT) /* a volume of a recording */
             e = share_unreadable(s, pvx_diag_text(&why, e));
         if (e != PVX_OK && e != PVX_ETIMEDOUT)
             return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));

@@ -1,4 +1,4 @@
-/* status.c - `pyrovox status`: what a running daemon says about itself, once. */
+/* status.c - `pyrovox status`: print the status of a running daemon once. */
 #include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -9,7 +9,7 @@
 
 #define BINS_MAX 64
 
-/* One character per bin: how much of the whole lies in it. */
+/* Print a character for each bin: the darker, the larger its share of the whole. */
 static void print_bins(const cJSON *bins)
 {
     static const char shade[] = " .:-=+*#%@";
@@ -141,7 +141,7 @@ void votes_print(const cJSON *status)
     }
 }
 
-/* A number with so many places, or a dash when the camera does not say. */
+/* A number with so many decimals, or a dash if the camera does not report it. */
 static const char *status_cameras_number(const cJSON *k, const char *name, int places, char out[32])
 {
     const cJSON *v = cJSON_GetObjectItemCaseSensitive(k, name);

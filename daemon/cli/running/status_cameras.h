@@ -1,22 +1,23 @@
-/* status_cameras.h - how the cameras are and how well they work together, as text, from a daemon's status. */
+/* status_cameras.h - print from a daemon's status how its cameras are and how well they work together. */
 #ifndef STATUS_CAMERAS_H
 #define STATUS_CAMERAS_H
 #include <cjson/cJSON.h>
 #include <stdbool.h>
 
-/* Table and histogram of each camera's exposures against their sets; nothing when there are none. */
+/* Print table and histogram of each camera's exposures relative to their sets.  Nothing if there are none. */
 void skew_print(const cJSON *status);
-/* Whether a camera (of "cameras") is not where the rig says. */
+/* Whether a camera (of "cameras") is in another place than in the rig. */
 bool camera_moved(const cJSON *camera);
-/* What is wrong with the cameras now and what to do about it; nothing when all is well. */
+/* Print what is wrong with the cameras now, and the remedies.  Nothing if all is well. */
 void troubles_print(const cJSON *status);
-/* Which cameras are left out of the sets because they contradict the others, and why; nothing when they agree. */
+/* Print which cameras are left out of the sets because they contradict the others, and why.  Nothing if all agree. */
 void votes_print(const cJSON *status);
-/* What the flame says of each camera against the others: agreement, displacement, gain; nothing before the first check. */
+/* Print each camera's comparison with the others by the flame: agreement, displacement, gain.  Nothing before the
+ * first check was done. */
 void checks_print(const cJSON *status);
-/* Why the checks call a camera (of "cameras") wrong, one clause; "" for nothing, and for what the vote or the drift say. */
+/* Why the checks call a camera (of "cameras") wrong, as one clause.  "": it is right, or vote or drift report it. */
 const char *camera_check(const cJSON *camera);
-/* Temperature, link and PTP of cameras, and action commands: nothing for cameras that say nothing. */
+/* Print temperature, link and PTP of cameras, and action commands.  Nothing for cameras that do not report them. */
 void health_print(const cJSON *status);
 
 #endif

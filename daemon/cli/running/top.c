@@ -91,7 +91,7 @@ static int top_run(int argc, char **argv)
     while (!cli_stop && e == PVX_OK &&
            (a.seconds == 0 || (double)(pvx_now_mono() - t0) * 1e-9 < a.seconds)) {
         e = follow_poll(&f, 50 * PVX_NS_PER_MS, &d);
-        if (first && f.volumes > 0) { /* the wait for the first is not part of the rate */
+        if (first && f.volumes > 0) { /* the rate does not include the wait for the first */
             follow_mark(&f);
             first = false;
         }

@@ -122,8 +122,8 @@ static void view_say(const char *line)
     fprintf(stderr, "pyrovox view: %s\n", line);
 }
 
-/* A command line can be read by all users of the host, and the address has the token: so the browser is given a file
- * that only its user can read, and that leads there.  path "": there is none. */
+/* Write a file that only this user can read and that leads the browser to url.  The address contains the token, and
+ * all users of the host can read command lines, so the browser must not get it there.  path "": there is no file. */
 static pvx_err write_door(const char *url, char *path, size_t size, struct pvx_diag *d)
 {
     const char *dir = getenv("XDG_RUNTIME_DIR");
@@ -145,7 +145,8 @@ static pvx_err write_door(const char *url, char *path, size_t size, struct pvx_d
     return e;
 }
 
-/* In the background, in a session of its own: a terminal's Ctrl-C is not for it, and it is not our child when it goes on. */
+/* Open the browser in the background.  It has its own session, so a terminal's Ctrl-C does not reach it, and it is no
+ * child of this process. */
 static void open_browser(const char *path)
 {
     pid_t p = fork();
@@ -205,7 +206,7 @@ static void farewell(const struct args *a, const view_bridge *b)
     fputc('\n', stderr);
 }
 
-/* A wildcard is no address to go to. */
+/* The address of the page.  A wildcard is replaced, because a browser cannot open it. */
 static void view_address_of(const struct args *a, const view_bridge *b, char *out, size_t size)
 {
     const char *at = view_bridge_at(b), *port = strrchr(at, ':');
