@@ -1,5 +1,6 @@
-/* Rows of bins on all levels: a pair of rows gives one of the next coarser level, that with its neighbour one of the
- * next: (4) of sysmat.h and its rounding (3) need what one coarse bin has, and no other. */
+/* Rows of bins on all levels.  A pair of rows gives one row of the next coarser level; that row and its neighbour
+ * give one of the level after it.  This works because (4) of sysmat.h and its rounding (3) need only the entries of
+ * one coarse bin. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,7 +15,7 @@ static size_t first_of(const struct rec_row_pair *p, const int32_t *bw, int32_t 
     return p->end[(size_t)row * (size_t)*bw + (size_t)x - 1];
 }
 
-/* Row y of level l's kept entries to its band. */
+/* Stores the kept entries of row y of level l in its band. */
 static bool put_by(struct rec_active_build *b, size_t l, size_t band, const struct rec_row_pair *p,
                    int32_t y)
 {
@@ -41,7 +42,7 @@ static bool put_by(struct rec_active_build *b, size_t l, size_t band, const stru
 
 /* ---- the next coarser level ---- */
 
-/* A table for n entries, empty; *mask its size less one. */
+/* Makes an empty table for n entries; *mask: its size less one. */
 static bool new_table(struct rec_active_scratch *s, size_t n, uint32_t *mask)
 {
     size_t size = 64;
@@ -63,7 +64,7 @@ static bool new_table(struct rec_active_scratch *s, size_t n, uint32_t *mask)
     return true;
 }
 
-/* The coarser level's column that a voxel is in. */
+/* The column of the coarser level that contains a voxel. */
 static uint32_t parent(const struct rec_active_level *v, uint32_t col)
 {
     uint32_t row = (uint32_t)(int32_t)((col + 0.5) * v->per_nx); /* col / nx, exactly */
@@ -84,7 +85,7 @@ static void add_entries(const struct rec_active_level *v, const struct rec_row_p
     }
 }
 
-/* By column, eight bits at a time; the result is s->list. */
+/* Sorts s->list by column, eight bits at a time; the result is in s->list. */
 static void active_rows_sort(struct rec_active_scratch *s, size_t n, uint32_t most)
 {
     for (int shift = 0; shift < 32 && most >> shift != 0; shift += 8) {
@@ -104,7 +105,7 @@ static void active_rows_sort(struct rec_active_scratch *s, size_t n, uint32_t mo
     }
 }
 
-/* The entries of coarse bin x from those of its up to four: in the order of the columns, as coarse.c has it. */
+/* The entries of coarse bin x from those of its up to four bins, in the order of the columns, as in coarse.c. */
 static bool coarse_bin(const struct rec_active_build *b, struct rec_active_scratch *s, size_t l,
                        int32_t rows, int32_t x, uint32_t doubled)
 {
@@ -144,7 +145,7 @@ static bool coarse_bin(const struct rec_active_build *b, struct rec_active_scrat
     return true;
 }
 
-/* Level l's pair, of `rows` rows, becomes row y of the next level's. */
+/* Makes row y of the next level from the pair of level l, which has `rows` rows. */
 static bool coarse_row(const struct rec_active_build *b, struct rec_active_scratch *s, size_t l,
                        int32_t rows, int32_t y)
 {
@@ -158,7 +159,7 @@ static bool coarse_row(const struct rec_active_build *b, struct rec_active_scrat
     return true;
 }
 
-/* Row y of level l is there: put by, and the coarser ones that it completes. */
+/* Row y of level l is complete: stores it, and makes the coarser rows that it completes. */
 static bool finish_row(struct rec_active_build *b, struct rec_active_scratch *s, size_t band,
                        size_t l, int32_t y)
 {

@@ -14,7 +14,7 @@
 #include "recon/matrix/footprint.h"
 #include "recon/matrix/rays.h"
 
-/* What one running task needs; there are as many as threads. */
+/* Memory of one running task; there are as many as threads. */
 struct scratch {
     atomic_flag in_use;
     struct rec_rays rays;
@@ -88,7 +88,7 @@ static pvx_err build_no_memory(const struct build *b, uint64_t bytes, struct pvx
                     b->camera + 1, b->rig->n_cameras);
 }
 
-/* Linux grants more memory than there is and kills a process that uses it.  So refuse by the memory installed. */
+/* Linux grants more memory than there is and kills a process that uses it.  So the limit is the installed memory. */
 static bool build_fits(const struct build *b, uint64_t more)
 {
     uint64_t have = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
@@ -119,7 +119,7 @@ static pvx_err build_trace_camera(struct build *b, pvx_pool *pool, struct pvx_di
 
 static void cut_bands(struct build *b)
 {
-    /* rays in the middle of an image are longer: many bands even that out */
+    /* Rays in the middle of an image are longer: many bands balance that. */
     size_t bands = b->n_scratch <= 1 ? 1 : 16 * b->n_scratch;
     bands = bands < REC_BANDS_MAX ? bands : REC_BANDS_MAX;
     bands = bands < (size_t)b->bh ? bands : (size_t)b->bh;
@@ -165,7 +165,7 @@ static pvx_err new_scratch(struct build *b)
     return PVX_OK;
 }
 
-/* All that only the tracing of cameras needs. */
+/* Frees what only the tracing of cameras needs. */
 static void build_free_scratch(struct build *b)
 {
     for (size_t i = 0; b->scratch != NULL && i < b->n_scratch; i++)
@@ -183,7 +183,7 @@ static pvx_err build_cameras(struct build *b, pvx_pool *pool, struct pvx_diag *d
     return PVX_OK;
 }
 
-/* Bodies that leave no camera a ray in the volume. */
+/* Refuses bodies that leave no camera a ray in the volume. */
 static pvx_err all_hidden(const struct build *b, struct pvx_diag *d)
 {
     for (size_t c = 0; c < b->rig->n_cameras; c++)

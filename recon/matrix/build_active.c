@@ -1,10 +1,10 @@
-/* Building what is kept of S, one camera after the other:
- *   trace    bands of rows of the image (active_rows.c).  Of each row, and of those of coarser levels that it completes,
- *            the entries in kept columns are put by, then it is forgotten
- *   columns  what was put by, level by level (columns.h)
+/* Building the kept part of S, one camera after the other:
+ *   trace    bands of rows of the image (active_rows.c).  Of each row, and of the rows of coarser levels that it
+ *            completes, the entries in kept columns are stored; then the row is forgotten
+ *   columns  the stored entries, level by level (columns.h)
  *   footprints
- * then on each level the cameras' columns are merged and made windows.  A thread has two rows of bins of each level at
- * a time.  The result does not depend on how many bands or threads there are. */
+ * then on each level the cameras' columns are merged and made windows.  A thread has two rows of bins of each level
+ * at a time.  The result does not depend on how many bands or threads there are. */
 #include "recon/matrix/build_active.h"
 #include "recon/matrix/footprint.h"
 #include "recon/matrix/marks.h"
@@ -66,7 +66,7 @@ static pvx_err matrix_no_memory(const struct rec_active_build *b, uint64_t bytes
                     b->camera + 1, b->rig->n_cameras);
 }
 
-/* Bands of whole rows of the coarsest level. */
+/* Bands consist of whole rows of the coarsest level. */
 void rec_active_cut(struct rec_active_build *b)
 {
     size_t tall = (size_t)rec_bins_down(b, b->levels - 1);
@@ -111,7 +111,7 @@ void rec_active_end(struct rec_active_build *b)
         PVX_FREE(b->level[l].rows.bin_n);
 }
 
-/* Linux grants more memory than there is and kills a process that uses it.  So refuse by the memory installed. */
+/* Linux grants more memory than there is and kills a process that uses it.  So the limit is the installed memory. */
 static bool matrix_fits(const struct rec_active_build *b)
 {
     uint64_t have = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
@@ -195,7 +195,7 @@ static pvx_err new_footprints(rec_sysmat *m)
     return PVX_OK;
 }
 
-/* Which coarse rows a level's rows of voxels are in. */
+/* The coarse row in which each row of voxels of a level lies. */
 static pvx_err new_parents(struct rec_active_level *v, const struct rec_grid *coarse)
 {
     const struct rec_grid *g = &v->m->grid;
@@ -210,7 +210,7 @@ static pvx_err new_parents(struct rec_active_level *v, const struct rec_grid *co
     return PVX_OK;
 }
 
-/* A level below the last one, with what it keeps: the coarsest all. */
+/* Adds a coarser level with the bricks that it keeps; the coarsest keeps all. */
 static pvx_err add_level(struct rec_active_build *b, bool coarsest)
 {
     struct rec_active_level *v = &b->level[b->levels - 1];
@@ -230,7 +230,7 @@ static pvx_err matrix_set_up(struct rec_active_build *b, rec_sysmat *finest)
     size_t levels = rec_sysmat_levels(&finest->grid);
     b->levels = 1;
     b->level[0].m = finest;
-    if (levels == 1) /* the vote looks at all of it */
+    if (levels == 1) /* the vote uses all of it */
         memset(finest->active->brick, 1, finest->active->bricks);
     PVX_TRY(rec_active_close(finest->active, &finest->grid));
     PVX_TRY(new_footprints(finest));
@@ -245,7 +245,7 @@ static pvx_err matrix_set_up(struct rec_active_build *b, rec_sysmat *finest)
     return PVX_OK;
 }
 
-/* All that only the tracing of cameras needs. */
+/* Frees what only the tracing of cameras needs. */
 static void matrix_free_scratch(struct rec_active_build *b)
 {
     for (size_t i = 0; b->scratch != NULL && i < b->n_scratch; i++) {
@@ -269,7 +269,7 @@ static void matrix_free_scratch(struct rec_active_build *b)
     b->met = NULL;
 }
 
-/* The cameras' columns of a level put together, and their windows. */
+/* Merges the cameras' columns of a level, and makes their windows. */
 static pvx_err finish_level(struct rec_active_level *v, pvx_pool *pool, struct pvx_diag *d)
 {
     struct rec_entries all;

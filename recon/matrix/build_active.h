@@ -1,7 +1,7 @@
 /* build_active.h - what the files that build a part of S share (active.h).  Not for other modules.
- *   active_rows.c      one row of bins after the other, on all levels: what is kept is put by
+ *   active_rows.c      one row of bins after the other, on all levels: stores the kept entries
  *   build_active.c     cameras, levels
- *   estimate_active.c  a share of the rows, and what all would take */
+ *   estimate_active.c  a share of the rows, and from it the cost of all */
 #ifndef REC_BUILD_ACTIVE_H
 #define REC_BUILD_ACTIVE_H
 #include <pthread.h>
@@ -13,8 +13,8 @@
 /* Two rows of bins, with all their entries. */
 struct rec_row_pair {
     struct rec_band all;
-    size_t *end;   /* [2*bw] of each bin's */
-    size_t second; /* where the second row's begin */
+    size_t *end;   /* [2*bw] end of the entries of each bin */
+    size_t second; /* where the second row's entries begin */
 };
 
 /* Column and exact value in eighths of the coarse unit. */
@@ -22,13 +22,13 @@ struct rec_coarse_sum {
     uint32_t col, eighths;
 };
 
-/* What one running task needs; there are as many as threads. */
+/* Memory of one running task; there are as many as threads. */
 struct rec_active_scratch {
     atomic_flag in_use;
     struct rec_rays rays;
     struct rec_row_pair pair[REC_SYSMAT_LEVELS_MAX];
     struct rec_coarse_sum *table, *list,
-        *sorted; /* [room] open addressing; what is in it, in order */
+        *sorted; /* [room] hash table with open addressing; its content; room to sort it */
     size_t room;
 };
 
@@ -37,7 +37,7 @@ struct rec_active_level {
     struct rec_band_rows rows; /* of the camera in work */
     struct rec_entries part[REC_MAX_CAMERAS];
     uint32_t *
-        coarse_row; /* [ny*nz] first column of the coarser level's row that a row of voxels is in */
+        coarse_row; /* [ny*nz] per row of voxels: first column of the coarser row that contains it */
     double per_nx;
 };
 
@@ -48,10 +48,9 @@ struct rec_active_build {
     struct rec_tracer t; /* of the camera in work */
     struct rec_active_scratch *scratch;
     size_t n_scratch;
-    _Atomic uint64_t *met; /* [voxels] bits: has entries of the camera */
+    _Atomic uint64_t *met; /* [voxels] bits: the voxel has entries of the camera */
     size_t camera;
-    size_t
-        of; /* every so many-th band is traced, and what was met is counted; 0: all, and it is not */
+    size_t of; /* every of-th band is traced, and entries are counted; 0: all bands, no counts */
     atomic_uint_fast64_t entries, row_most;
     /* progress */
     pthread_t caller;
@@ -69,19 +68,19 @@ static inline int32_t rec_bins_down(const struct rec_active_build *b, size_t l)
     return b->level[l].m->block[b->camera].bh;
 }
 
-/* Row y of bins of the camera in work, and the coarser ones that it completes: what is kept of them to that band.  Rows
- * of a band ascend.  False: out of memory. */
+/* Traces row y of bins of the camera in work, makes the coarser rows that it completes, and stores their kept entries
+ * in the band.  Rows of a band ascend.  False: out of memory. */
 bool rec_active_row(struct rec_active_build *b, struct rec_active_scratch *s, size_t band,
                     int32_t y);
 
-/* For the finest level's outline, which stays the caller's; *out is to be freed after an error too. */
+/* The outline of the finest level stays the caller's.  *out must be freed after an error too. */
 PVX_MUST_CHECK pvx_err rec_active_build_new(struct rec_active_build **out,
                                             const struct rec_rig *rig, rec_sysmat *finest,
                                             size_t threads, struct rec_progress progress);
 void rec_active_build_free(struct rec_active_build **b);
 
-/* Camera b->camera: its tracer and rows; bands; their entries, of all of them or of every b->of-th; and the end of it.
- * PVX_ENOMEM; PVX_ECANCELED. */
+/* For camera b->camera, in this order: make its tracer and rows; cut them into bands; trace the entries of all bands
+ * or of every b->of-th; free the memory of this.  PVX_ENOMEM; PVX_ECANCELED. */
 PVX_MUST_CHECK pvx_err rec_active_begin(struct rec_active_build *b);
 void rec_active_cut(struct rec_active_build *b);
 PVX_MUST_CHECK pvx_err rec_active_trace(struct rec_active_build *b, pvx_pool *pool);

@@ -1,7 +1,7 @@
 /* Coarser levels by Galerkin's rule: a coarse entry is the mean over a bin's fine rows of the sum
  * over a voxel's children, in integers throughout.
  *   sum      the layers of coarse voxels in parallel: each column gathers its children, camera after
- *            camera, into a picture of sums of which only the touched rectangle is looked at
+ *            camera, into a picture of sums of which only the touched rectangle is read
  *   round    along every row in the order of the columns, one thread: an eighth of S's entries */
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -16,8 +16,8 @@ struct job {
     rec_sysmat *m;
     size_t layer;       /* coarse columns of one layer */
     size_t picture_max; /* coarse bins of the largest image */
-    /* Exact entries, in eighths of the coarse unit.  A layer's start where the finer matrix has those
-     * of its children: there can not be more.  Reserved, mostly never touched. */
+    /* Exact entries, in eighths of the coarse unit.  Those of a layer start at the index where the finer matrix has
+     * the entries of its children: there cannot be more.  Reserved, mostly never touched. */
     uint32_t *row, *eighths;
     uint32_t *count; /* [coarse columns] */
     atomic_bool out_of_memory;
@@ -33,13 +33,12 @@ static size_t children(const struct rec_grid *f, const int32_t ijk[3], size_t ch
     return n;
 }
 
-/* A rectangle of coarse bins that grows with what is added. */
+/* The rectangle of coarse bins that were touched; it grows with each addition. */
 struct touched {
     uint32_t x0, y0, x1, y1;
 };
 
-/* Entries of camera c from `e` on, up to `end`, into the picture; returns where the next camera's
- * begin. */
+/* Adds the entries of camera c from `e` on, up to `end`, to the picture; returns where the next camera's begin. */
 static uint32_t add_child(const struct job *j, size_t c, uint32_t e, uint32_t end,
                           uint32_t *picture, struct touched *t)
 {
@@ -60,7 +59,7 @@ static uint32_t add_child(const struct job *j, size_t c, uint32_t e, uint32_t en
     return e;
 }
 
-/* What the picture has gathered goes to j->row[at], j->eighths[at] ...; it is zero again after. */
+/* Moves the sums of the picture to j->row[at], j->eighths[at] ...; the picture is zero again afterwards. */
 static size_t unload(const struct job *j, size_t c, uint32_t *picture, const struct touched *t,
                      size_t at)
 {
@@ -109,7 +108,7 @@ static void sum_layer(void *ctx, size_t k)
     free(picture);
 }
 
-/* Exact sums -> entries, column after column; carry [rows] is what rounding has left over. */
+/* Rounds exact sums to entries, column after column; carry [rows]: the remainders of the rounding. */
 static void round_all(const struct job *j, struct rec_entries *out, int32_t *carry)
 {
     const rec_sysmat *f = j->fine;

@@ -1,5 +1,5 @@
-/* collect.h - the sum of the slabs' images, compiled into the including file: as many floats at once as that file's
- * instruction set has, and the same bits with any. */
+/* collect.h - the sum of the slabs' images, compiled into the including file.  It adds as many floats at once as that
+ * file's instruction set has; the bits are the same with any. */
 #ifndef REC_COLLECT_H
 #define REC_COLLECT_H
 #include "recon/matrix/subsys.h"
@@ -29,7 +29,7 @@ REC_INLINE void rec_collect_lanes(const struct rec_subsys *a, struct rec_images 
         }
     }
 }
-/* y = the sum, or added to y; the images are 0 there after. */
+/* y = the sum of the images, or y += the sum.  The images are 0 there afterwards. */
 REC_INLINE void rec_collect_blocks(const struct rec_subsys *a, struct rec_images *im,
                                    struct rec_block_range r, float *y, bool add)
 {

@@ -110,7 +110,7 @@ static void fill_strip(void *ctx, size_t task)
     }
 }
 
-/* Bands -> strips of about as many entries each. */
+/* Cuts the bands into strips with about equal numbers of entries. */
 static void cut_strips(struct job *j)
 {
     uint64_t total = rec_band_entries(j->rows), sum = 0;

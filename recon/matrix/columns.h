@@ -1,5 +1,5 @@
 /* columns.h - the entries of an image, traced row by row in bands, sorted into columns.  Not for other modules.
- *   count    strips of bands of about as many entries: entries per column
+ *   count    strips of bands with about equal numbers of entries: entries per column
  *   sum      colptr, and where each strip's entries of a column start
  *   fill     the strips again: every entry to its column
  * No two tasks write to one place, and the rows of a column ascend because strips and bins do, so the result does not
@@ -22,17 +22,17 @@ struct rec_band {
 bool rec_band_grow(struct rec_band *b, size_t more);
 
 struct rec_band_rows {
-    struct rec_band band[REC_BANDS_MAX + 1]; /* [bands] only has its row0 */
+    struct rec_band band[REC_BANDS_MAX + 1]; /* band[bands] has only its row0 */
     size_t bands;
     int32_t bw;
     uint32_t *bin_n; /* [rows] entries of each bin */
 };
 uint64_t rec_band_entries(const struct rec_band_rows *r);
-/* All but bin_n, which belongs to the caller. */
+/* Frees all but bin_n, which belongs to the caller. */
 void rec_band_rows_free(struct rec_band_rows *r);
 
-/* Columns 0..N-1 into *out: colptr [N+1], row, val.  At most 2^32-1 entries.  PVX_ENOMEM: what it has is the caller's to
- * free. */
+/* Makes columns 0..N-1 in *out: colptr [N+1], row, val.  At most 2^32-1 entries.  After PVX_ENOMEM the caller frees
+ * what *out has. */
 PVX_MUST_CHECK pvx_err rec_columns(const struct rec_band_rows *rows, size_t N, pvx_pool *pool,
                                    struct rec_entries *out);
 

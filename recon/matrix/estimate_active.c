@@ -6,7 +6,7 @@
 #include "recon/matrix/marks.h"
 
 #define PAGE 4096
-/* Bands of rows that are traced at least: a flame may be in few of an image's rows. */
+/* At least so many bands of rows are traced, because a flame may be in few of an image's rows. */
 #define LEAST_BANDS 8
 #define MORE_BINS \
     4 /* in a window that is not a column's first, mean; fewer make no difference to what they fill */
@@ -49,14 +49,14 @@ static uint64_t matrix_stored(const rec_sysmat *m, size_t window)
            voxels / 64 * (sizeof *a->bits + sizeof *a->rank) + a->columns * sizeof *a->column;
 }
 
-/* Entries come in a band, whose room grows by half, then in columns; those of all cameras, then merged, slice by
- * slice; and while windows are made of them. */
+/* Memory at its peak: entries are first in a band, whose room grows by half, then in columns, then merged over the
+ * cameras slice by slice, and still there while windows are made of them. */
 static void matrix_add_up(const struct rec_active_build *b, double kept_most,
                           struct rec_active_estimate *o)
 {
     double entries = o->kept * REC_ENTRY, windows = 0, columns = 0, first = 0;
     double rows = 2 * 1.34 * 1.5 * (double)atomic_load(&b->row_most) * REC_ENTRY;
-    /* up to so many a voxel and camera fit 3x4 bins, that of the next voxel as well */
+    /* with at most so many entries per voxel and camera, 3x4 bins hold a voxel and the next one */
     o->window =
         o->entries <= 6.0 * (double)b->rig->n_cameras * (double)rec_grid_count(&b->rig->grid)
             ? 12
@@ -110,7 +110,7 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
         o->entries += by * (double)(atomic_load(&b->entries) - before);
         o->seconds += by * (double)(pvx_now_mono() - t0) * 1e-9;
     }
-    /* a thin one may be between all that were traced: columns have about as many entries each */
+    /* A thin flame may lie between all traced bands.  So assume about as many entries in each column. */
     double least = o->entries * (double)rec_sysmat_columns(b->level[0].m) /
                    (double)rec_grid_count(&b->level[0].m->grid);
     o->kept = fmax(o->kept, least);
@@ -119,7 +119,7 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
     return PVX_OK;
 }
 
-/* The outline again, with its marks, to be thrown away. */
+/* A temporary copy of the outline, with its marks. */
 static pvx_err copy_outline(const struct rec_rig *rig, const rec_sysmat *outline, rec_sysmat **out,
                             struct pvx_diag *d)
 {

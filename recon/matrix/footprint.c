@@ -4,8 +4,8 @@
  * every box looks up its eight corners.  A pinhole maps the box into the hull of its corners; a lens
  * bends that hull's edges.  For f with second derivatives up to M, a point inside a polygon of
  * diameter D has f <= max over the corners + M D^2/4 (interpolate along a chord to two edge points,
- * then along the edges); M D is bounded by what the Jacobian changes over the corners, times 2 for
- * what the corners do not show. */
+ * then along the edges); M D is bounded by the change of the Jacobian over the corners, times 2 for
+ * changes that the corners do not show. */
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -19,21 +19,21 @@ struct job {
     const rec_sysmat *m;
     const struct rec_camera *c;
     const struct rec_sysmat_block *b;
-    const struct rec_entries *part; /* colptr NULL: none are known */
-    struct rec_rect *fp;            /* of all voxels, or: */
-    struct rec_rect *brick;         /* of bricks, or: */
+    const struct rec_entries *part; /* colptr NULL: entries are not known */
+    struct rec_rect *fp;            /* output: of all voxels, or */
+    struct rec_rect *brick;         /* of bricks, or */
     const _Atomic uint64_t *met;    /* of what all levels keep; camera */
     size_t camera;
     int32_t n[3];   /* items */
     int32_t slab;   /* layers of items per task */
     int32_t stride; /* lattice points from an item's first to the next one's */
-    int32_t span;   /* and to its own last */
+    int32_t span;   /* lattice points from an item's first to its last one */
     int32_t nx, ny; /* lattice points per layer */
     double per_bin; /* 1 / binning */
     atomic_bool out_of_memory;
 };
 
-/* What is known of a projected point: pixel, normalised undistorted coordinates, Jacobian. */
+/* Quantities of a projected point: pixel, normalised undistorted coordinates, Jacobian. */
 enum { U, V, X, Y, J0, J1, J2, J3, QUANTITIES };
 
 /* A layer of lattice points, quantity after quantity, so that loops over a row of them are vectors. */
@@ -56,9 +56,9 @@ void rec_no_footprints(const rec_sysmat *m, struct rec_rect *fp)
         fp[i] = unseen;
 }
 
-/* Lattice plane i along an axis: the faces of the cells, or for trilinear the centres with one more
- * at either end.  Bricks have two each, as their supports overlap: where their first voxel's begins and the last one's
- * ends. */
+/* Lattice plane i along an axis: the faces of the cells, or for trilinear the centres with one more at either end.
+ * Bricks have two planes each, because their supports overlap: the beginning of their first voxel's and the end of
+ * their last one's. */
 static double plane(const struct job *j, int a, int32_t i)
 {
     const struct rec_grid *g = &j->m->grid;
@@ -95,7 +95,8 @@ static inline double most(double a, double b)
     return a > b ? a : b;
 }
 
-/* Over the four lattice rows of the supports of item row y between two layers, then along them. */
+/* Minimum and maximum over the four lattice rows of the supports of item row y between two layers, then along the
+ * rows. */
 static void gather_corners(const struct job *j, const struct layer *near, const struct layer *far,
                            int32_t y, struct corners *out)
 {
@@ -134,8 +135,8 @@ static bool footprint_bins(double lo, double hi, double per_bin, int32_t n, uint
     return true;
 }
 
-/* All corners in front of the camera: the rectangle of the support, grown for the lens.  Of a brick that goes beyond the
- * image not all voxels may be seen. */
+/* All corners are in front of the camera: the rectangle of the support, grown for the lens.  If a brick reaches
+ * beyond the image, some of its voxels may be unseen. */
 static struct rec_rect rectangle(const struct job *j, const struct corners *k, size_t x)
 {
     double range[QUANTITIES];
@@ -154,7 +155,7 @@ static struct rec_rect rectangle(const struct job *j, const struct corners *k, s
     return j->brick != NULL && cut ? REC_RECT_UNKNOWN : r;
 }
 
-/* Rectangle with the rows of column `col` added: holds by construction then. */
+/* Extends the rectangle to the rows of column `col`: it contains them by construction then. */
 static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_rect r)
 {
     const struct rec_active *a = j->m->active;
@@ -241,7 +242,7 @@ static struct rec_rect footprint(const struct job *j, const int32_t item[3],
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
 }
 
-/* r also into u. */
+/* Extends u by r. */
 static void footprint_widen(struct rec_rect *u, struct rec_rect r)
 {
     if (!rec_rect_seen(r))
@@ -256,7 +257,7 @@ static void footprint_widen(struct rec_rect *u, struct rec_rect r)
     u->y1 = r.y1 > u->y1 ? r.y1 : u->y1;
 }
 
-/* Into its voxel on every level that keeps it; only this task has voxels of these. */
+/* Extends the footprint of the voxel on every level that keeps it.  Only this task writes to these voxels. */
 static void to_levels(const struct job *j, const int32_t voxel[3], struct rec_rect r)
 {
     int32_t x = voxel[0], y = voxel[1], k = voxel[2];
@@ -281,7 +282,7 @@ static void footprint_put(const struct job *j, const int32_t item[3], struct rec
         to_levels(j, item, r);
 }
 
-/* The layers that a slab goes through and one row of corners, in one piece of memory. */
+/* The layers of a slab and one row of corners, in one piece of memory. */
 struct work {
     struct layer ring[3];
     struct corners corners;

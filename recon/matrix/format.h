@@ -114,8 +114,8 @@ static inline uint64_t head_hash(const uint8_t *head, size_t bytes)
     return XXH3_64bits_digest(&h);
 }
 
-/* Bytes of the sections of one level, whose grid and shape of windows are known, but for `more`, of which
- * there are any number; returns how many sections there are. */
+/* Sizes in bytes of the sections of one level, whose grid, shape and number of windows are known.  Returns the number
+ * of sections. */
 static inline size_t section_sizes(const rec_sysmat *m, struct section *s)
 {
     uint64_t N = rec_grid_count(&m->grid);

@@ -53,7 +53,7 @@ static bool grid_ok(const struct rec_grid *g)
     return g->basis == REC_BOX || g->basis == REC_TRILINEAR;
 }
 
-/* Nothing in the header is believed before its checksum. */
+/* Nothing in the header is trusted before its checksum. */
 static pvx_err check_head(struct loader *l, uint64_t key, uint32_t *n_cameras)
 {
     if (l->bytes < 8 || memcmp(l->base, MAGIC, 8) != 0)
@@ -194,7 +194,8 @@ static pvx_err load_read_levels(struct loader *l)
 enum verdict { SOUND, BAD_RANGE, BAD_ORDER };
 static const char *const verdict_text[] = {"", "outside what there is", "not ascending"};
 
-/* Two passes over pieces: where windows are, which their weights are then judged by, and the others. */
+/* Two passes over pieces: first the places of windows, by which their weights are then checked; then the other
+ * sections. */
 struct check {
     const struct loader *l;
     struct piece {
@@ -206,7 +207,7 @@ struct check {
     uint64_t *hash; /* of the pieces of one section */
 };
 
-/* Windows of 1 to `size` weights that begin in a section's bytes [a,b); the last may end behind b. */
+/* The windows of `size` bytes that begin in bytes [a,b) of a section; the last one may end behind b. */
 static void windows_in(uint64_t a, uint64_t b, size_t size, size_t *w0, size_t *w1)
 {
     *w0 = (size_t)((a + size - 1) / size);
@@ -228,12 +229,12 @@ static bool load_is_zero(const uint8_t *w, size_t n)
     return any == 0;
 }
 
-/* A window begins in its camera's image or nowhere. */
+/* Whether a window begins in its camera's image. */
 static bool begins_right(const rec_sysmat *m, size_t slot, uint32_t at)
 {
     return slot < m->n_cameras && at >= m->row0[slot] && at < m->row0[slot + 1];
 }
-/* What hangs over the end of the camera's bins is 0: nothing is written behind all of them. */
+/* Whether weights that hang over the end of the camera's bins are 0, so that nothing is written behind all bins. */
 static bool ends_right(const rec_sysmat *m, size_t slot, uint32_t at, const uint8_t *w)
 {
     size_t pitch = (size_t)m->win.pitch[slot], wide = (size_t)m->win.wide;
@@ -258,7 +259,7 @@ static enum verdict check_at(const rec_sysmat *m, size_t w0, size_t w1)
     return bad ? BAD_RANGE : SOUND;
 }
 
-/* `at` is sound. */
+/* `at` has been checked before. */
 static enum verdict check_weights(const rec_sysmat *m, uint64_t a, uint64_t b, uint64_t *nnz)
 {
     size_t size = rec_window_size(&m->win), slots = (size_t)m->win.slots, w0, w1;

@@ -30,7 +30,7 @@ pvx_err rec_active_new(const struct rec_grid *g, struct rec_active **out)
     return *out == NULL ? PVX_ENOMEM : PVX_OK;
 }
 
-/* The kept voxels of a row of bricks' first layer and all others of it: every row of voxels asks its bricks. */
+/* Sets the bits of the kept voxels: those in a marked brick. */
 static void set_bits(struct rec_active *a, const struct rec_grid *g)
 {
     size_t voxel = 0;
@@ -67,7 +67,7 @@ pvx_err rec_active_close(struct rec_active *a, const struct rec_grid *g)
     return PVX_OK;
 }
 
-/* A brick of the coarser grid has 8 of this one's, fewer at the sides. */
+/* A brick of the coarser grid has 8 bricks of this one, fewer at the sides. */
 pvx_err rec_active_coarser(const struct rec_active *a, const struct rec_grid *g,
                            const struct rec_grid *coarse, struct rec_active **out)
 {

@@ -4,7 +4,8 @@
 #define REC_MARKS_H
 #include "recon/matrix/active.h"
 
-/* No brick marked; the marks' columns; those of a coarser grid.  PVX_ENOMEM. */
+/* In this order: a new set without marks; the columns of the marks; the marks of a coarser grid, with their columns.
+ * PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_active_new(const struct rec_grid *g, struct rec_active **out);
 PVX_MUST_CHECK pvx_err rec_active_close(struct rec_active *a, const struct rec_grid *g);
 PVX_MUST_CHECK pvx_err rec_active_coarser(const struct rec_active *a, const struct rec_grid *g,

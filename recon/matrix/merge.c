@@ -1,5 +1,5 @@
-/* The cameras' columns put end to end: S is written from front to back, a few slices of columns after
- * one another, and what a slice has read is given back to the system before the next. */
+/* Joins the cameras' columns end to end.  S is written from front to back in slices of columns.  The memory that a
+ * slice has read is given back to the system before the next one. */
 #include <stdint.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -50,7 +50,7 @@ void rec_entries_free(struct rec_entries *e)
     *e = (struct rec_entries){0};
 }
 
-/* Whole pages of [base + from, base + to) are not needed any more. */
+/* Gives back whole pages of [base + from, base + to). */
 static void merge_give_back(const void *base, size_t from, size_t to)
 {
     uintptr_t a = ((uintptr_t)base + from + PAGE - 1) & ~(PAGE - 1);

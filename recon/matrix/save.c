@@ -135,7 +135,7 @@ static pvx_err write_matrix(struct writer *w, const rec_sysmat *m, int fd, pvx_p
     for (const rec_sysmat *l = m->coarse; l != NULL; l = l->coarse)
         levels++;
     uint64_t at = head_bytes(m->n_cameras, levels), total = save_lay_out(w, m, at);
-    /* a disk that is too full says so now, not after gigabytes; file systems without it go on */
+    /* A full disk fails here, not after gigabytes.  File systems without fallocate go on. */
     if (fallocate(fd, 0, 0, (off_t)total) != 0 && errno == ENOSPC)
         return save_fail_errno(w, "cannot write");
     pvx_err e = hash_sections(w, pool);

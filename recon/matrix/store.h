@@ -1,4 +1,5 @@
-/* store.h - where a matrix's memory is, and what of it is known before its entries (sysmat.c).  Not for other modules. */
+/* store.h - the memory of a matrix, and the data of it that is known before its entries (sysmat.c).  Not for other
+ * modules. */
 #ifndef REC_STORE_H
 #define REC_STORE_H
 #include "recon/matrix/active.h"
@@ -20,17 +21,17 @@ PVX_MUST_CHECK pvx_err rec_sysmat_alloc(size_t n_cameras, rec_sysmat **out);
 /* row0 from the blocks' bw, bh.  PVX_ERANGE + diag: more than 2^31-1 rows. */
 PVX_MUST_CHECK pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d);
 
-/* `bytes` from the heap, aligned but not zeroed.  free(); NULL when there are none. */
+/* `bytes` from the heap, aligned but not zeroed.  free(); NULL: out of memory. */
 void *rec_sysmat_array(uint64_t bytes);
 
-/* Columns that there are, N or those kept. */
+/* Number of columns: N, or the kept ones. */
 size_t rec_sysmat_columns(const rec_sysmat *m);
 static inline size_t rec_sysmat_voxel(const rec_sysmat *m, size_t column)
 {
     return m->active != NULL ? m->active->column[column] : column;
 }
 
-/* Address space of a level that keeps a part. */
+/* Bytes of address space of a level that keeps a part. */
 struct rec_sparse_bytes {
     size_t at, w, fp;
 };
@@ -42,14 +43,14 @@ static inline struct rec_sparse_bytes rec_sparse_bytes(const rec_sysmat *m)
                                      .fp = rec_brick_places(&m->grid) * sizeof(struct rec_rect)};
 }
 
-/* Address space of which pages are touched here and there: small ones.  pvx_unreserve(). */
+/* Reserves address space with small pages, for data of which only scattered pages are used.  pvx_unreserve(). */
 void *rec_sysmat_sparse(size_t bytes);
 
-/* Everything of the finest level but its entries and footprints, and rows.  p is resolved. */
+/* Sets everything of the finest level, its rows included, except its entries and footprints.  p is resolved. */
 PVX_MUST_CHECK pvx_err rec_sysmat_finest_frame(const struct rec_rig *rig,
                                                const struct rec_sysmat_params *p, rec_sysmat *m,
                                                struct pvx_diag *d);
-/* (2) for a grid; twice the finer grid's, exactly, on a coarser one. */
+/* (2) of sysmat.h for a grid.  On a coarser grid it is exactly twice that of the finer one. */
 float rec_sysmat_unit(const struct rec_grid *g);
 
 #endif

@@ -6,7 +6,7 @@
 #include "base/mem.h"
 
 #define SLAB   1024 /* columns, at least, as long as there are no more than REC_SLABS_MAX slabs */
-#define RUN    64   /* columns that are copied and looked at while they are near */
+#define RUN    64   /* columns copied and processed while they are in the cache */
 #define RANGES 32   /* of blocks: tasks of the numbering */
 
 static size_t blocks_of_room(size_t room)
@@ -121,7 +121,7 @@ struct restriction {
     int32_t blocks[RANGES], rows[RANGES]; /* of each range, then the first of each */
 };
 
-/* Columns [q0,q1), which follow one another in S. */
+/* Copies columns [q0,q1), which follow one another in S. */
 static void copy_windows(struct rec_subsys *a, int32_t q0, int32_t q1)
 {
     size_t slots = (size_t)a->win.slots, bytes = slots * rec_window_size(&a->win);
@@ -131,7 +131,7 @@ static void copy_windows(struct rec_subsys *a, int32_t q0, int32_t q1)
     memcpy(a->win.w + (size_t)q0 * bytes, a->S->win.w + from * bytes, n * bytes);
 }
 
-/* Cameras that are not there have no windows. */
+/* Absent cameras get no windows. */
 static void drop_absent(struct rec_subsys *a, int32_t q0, int32_t q1)
 {
     size_t slots = (size_t)a->win.slots, size = rec_window_size(&a->win);
@@ -145,7 +145,7 @@ static void drop_absent(struct rec_subsys *a, int32_t q0, int32_t q1)
     }
 }
 
-/* Bit k: w[k] is not 0; of 12 or 16, and no more is read: what follows may be another slab's. */
+/* Bit k: w[k] is not 0.  n is 12 or 16, and no more is read, because what follows may belong to another slab. */
 REC_INLINE uint32_t not_zero(const uint8_t *w, size_t n)
 {
 #ifdef __SSE2__
@@ -164,8 +164,8 @@ REC_INLINE uint32_t not_zero(const uint8_t *w, size_t n)
 #endif
 }
 
-/* Notes what windows there are: many begin at the same bin, and each such bin is marked once, later.
- * Those that are nowhere have no weights. */
+/* Notes the windows of columns.  Many begin at the same bin, and each such bin is marked once, later.  Windows at
+ * `nowhere` have no weights. */
 REC_INLINE void note_windows(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1,
                              size_t size)
 {
@@ -184,7 +184,7 @@ REC_INLINE void note_windows(const struct rec_subsys *a, struct rec_slab *s, int
     }
     s->places += (uint32_t)(place - first);
 }
-/* By the size of a window, which is then a constant. */
+/* Selects by the size of a window, which is then a constant. */
 static void subsys_note(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1)
 {
     switch (rec_window_size(&a->win)) {
@@ -208,7 +208,7 @@ REC_INLINE void cover(const struct marks *m, uint32_t bin)
     if ((atomic_load_explicit(c, memory_order_relaxed) & m->bit) == 0)
         atomic_fetch_or_explicit(c, m->bit, memory_order_relaxed);
 }
-/* The bins of a window: those that it covers and, by the bits of its weights, those that are rows. */
+/* Marks the bins of a window: those that it covers and, by the bits of its weights, those that are rows. */
 static void mark_window(const struct marks *m, const struct rec_windows *win, uint32_t at,
                         size_t slot, uint32_t bits)
 {
@@ -237,7 +237,7 @@ static float norm_of(const struct rec_subsys *a, double w2)
     return (float)((double)a->S->unit * a->S->unit * w2);
 }
 
-/* Sum of weights, of their squares, how many there are: exact in integers, whatever the slabs are. */
+/* Sum of the weights, of their squares, number of those not 0: exact in integers, for any cut into slabs. */
 struct sums {
     uint32_t w, w2, n;
 };
@@ -293,7 +293,8 @@ static void add_norms(const struct rec_subsys *a, struct rec_slab *s, int32_t q0
 #endif
 }
 
-/* Further windows of the slab's columns, to where S has those of its first: there can not be more. */
+/* Copies the further windows of the slab's columns to the place where S has those of its first one: there cannot be
+ * more. */
 static void copy_more(struct restriction *t, size_t slab, const struct marks *marks, int32_t q0,
                       int32_t q1)
 {
@@ -337,7 +338,7 @@ static void subsys_fetch(const void *from, size_t bytes)
     for (size_t i = 0; i < bytes; i += PVX_ALIGN)
         __builtin_prefetch((const uint8_t *)from + i);
 }
-/* No processor foresees where the next run is. */
+/* Prefetches a run, because a processor cannot predict where the next run is. */
 static void fetch_windows(const struct rec_subsys *a, int32_t q0, int32_t q1)
 {
     size_t slots = (size_t)a->win.slots, bytes = slots * rec_window_size(&a->win);
@@ -373,7 +374,7 @@ static void copy_slab(void *ctx, size_t slab)
 
 _Static_assert(REC_ROW_BLOCK == sizeof(uint64_t), "a block's rows are read at once");
 
-/* Which bins of a block are rows.  The slabs' marks are 0 after. */
+/* Collects the bins of a block that are rows; the slabs' marks are 0 afterwards. */
 static uint64_t subsys_take_rows(struct restriction *t, size_t block, uint32_t slabs)
 {
     uint64_t rows = 0, m, zero = 0;

@@ -2,14 +2,14 @@
  *
  *     minimise || W^(1/2) (A x - b) ||,  A = S(rows touched by H, columns H), H = hull       (1)
  *
- * A is the windows of the hull's columns, copied out of S as they are: rows keep their places in the
- * images, so nothing is renumbered, and one copy does for both products.  A^T y gathers, an output a
- * column.  A x scatters: the columns are cut into slabs, each of which adds into images of its own, and
- * those are summed in order, bin by bin.  How many slabs there are depends on the number of columns
- * alone, so the bits do not depend on the threads.
- * Of the images only what the windows cover is looked at, in blocks of REC_ROW_BLOCK bins; a slab of
- * neighbouring voxels covers a part of them.  A row is a bin that some weight is not 0 in; other bins
- * of a block are no rows: products leave 0 there, and they must have no weight.
+ * A consists of the windows of the hull's columns, copied from S unchanged.  Rows keep their places in the
+ * images, so nothing is renumbered, and one copy serves both products.  A^T y gathers: one output per column.
+ * A x scatters: the columns are cut into slabs.  Each slab adds into its own images, which are then summed in
+ * order, bin by bin.  The number of slabs depends on the number of columns alone, so the bits do not depend on
+ * the threads.
+ * Only the bins of the images that the windows cover are used, in blocks of REC_ROW_BLOCK bins; a slab of
+ * neighbouring voxels covers a part of them.  A row is a bin in which some weight is not 0.  Other bins of a
+ * block are not rows: products leave 0 there, and they must have no weight.
  * All channels at once: x [n][cs], y [S->win.room][cs], cs = 1 for one channel and 4 for three (the 4th
  * lane is free), channel innermost.
  * Memory: 4 + high*wide bytes per voxel and camera, and in the restrictor 7 bytes per row and slab, in
@@ -70,8 +70,8 @@ void rec_subsys_free(struct rec_subsys **a);
 /* Errors: PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_restrictor_new(const rec_sysmat *S, struct rec_restrictor **out);
 void rec_restrictor_free(struct rec_restrictor **r);
-/* Make it the system of columns col [n] (ascending) and the cameras present.  Parallel over slabs of
- * columns and ranges of rows; same bits for any number of threads; allocates nothing. */
+/* Makes `a` the system of columns col [n] (ascending) and the cameras present.  Parallel over slabs of columns and
+ * ranges of rows; same bits for any number of threads; allocates nothing. */
 void rec_subsys_restrict(struct rec_subsys *a, struct rec_restrictor *r, const int32_t *col,
                          int32_t n, const bool *present);
 
@@ -151,23 +151,24 @@ static inline struct rec_block_range rec_blocks_of(const struct rec_subsys *a, s
 void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1,
                        float *x);
 
-/* The slabs' images, for S and coarser levels: one product at a time, and 0 between two: collecting
- * it leaves 0 behind. */
+/* The slabs' images, for S and coarser levels.  They serve one product at a time and are 0 between two products,
+ * because collecting leaves 0 behind. */
 struct rec_images {
     size_t bytes;
     float *of[REC_SLABS_MAX]; /* [room][cs] */
 };
 PVX_MUST_CHECK pvx_err rec_images_new(const rec_sysmat *S, int cs, struct rec_images *out);
 void rec_images_free(struct rec_images *im);
-/* A x into the images (parallel); then, some blocks at a time and each once, their sum into y. */
+/* rec_scatter computes A x into the images (parallel).  rec_collect then writes their sum to y, some blocks at a time
+ * and each block once. */
 void rec_scatter(const struct rec_subsys *a, struct rec_images *im, const float *x);
 void rec_collect(const struct rec_subsys *a, struct rec_images *im, struct rec_block_range blocks,
                  float *y);
 /* Both: y = A x in all blocks. */
 void rec_forward(const struct rec_subsys *a, struct rec_images *im, const float *x, float *y);
 
-/* The same on the calling thread alone, without images: for a system that is so small that threads are
- * better used on several products at once. */
+/* The same on the calling thread alone, without images: for a small system, where threads are better used on several
+ * products at once. */
 void rec_forward_alone(const struct rec_subsys *a, const float *x, float *y);
 
 /* The same with the rows of cameras [c0,c1) alone. */
@@ -183,7 +184,7 @@ void rec_adjoint_cameras(const struct rec_subsys *a, struct rec_cameras c, const
                          int32_t q0, int32_t q1, float *x);
 void rec_column_sums_cameras(const struct rec_subsys *a, struct rec_cameras c,
                              const float *row_weight, float *d1);
-/* Column q of slab `slab` times e, lane by lane, to that slab's image. */
+/* Adds column q of slab `slab` times e, lane by lane, to the image of that slab. */
 void rec_add_column(const struct rec_subsys *a, const struct rec_images *im, size_t slab, int32_t q,
                     rec_f4 e);
 

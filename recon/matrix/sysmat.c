@@ -9,15 +9,15 @@
 #include "recon/matrix/marks.h"
 #include "recon/matrix/store.h"
 
-/* Raise it when the same rig and parameters give other entries than before: old caches go stale. */
+/* Raise this when the same rig and parameters give other entries than before: old caches become stale. */
 #define METHOD_VERSION 3u
 
 #define COARSEST 16 /* voxels along the longest side of the coarsest level, at least */
 
 const struct rec_sysmat_params rec_sysmat_defaults = {0, 0};
 
-/* Smallest size in pixels of a voxel at the centre of the volume, over the cameras that have it in
- * front of them; 0 when none has. */
+/* Smallest size in pixels of a voxel at the centre of the volume, over the cameras that have it in front of them; 0
+ * if no camera has. */
 static double voxel_px(const struct rec_rig *rig)
 {
     const struct rec_grid *g = &rig->grid;

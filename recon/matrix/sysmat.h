@@ -7,11 +7,11 @@
  * distorted lens; no image is ever resampled).  rays_per_bin = 1, binning = 1 is the paper's model.
  * Rows are numbered in one row space: row = row0[c] + y*bw + x, camera by camera.
  *
- * S is stored by COLUMNS, as windows of bins (recon/simd/windows.h): what a voxel's basis function
- * touches in a camera is a handful of neighbouring bins.  Why by columns: restricting S to the visual
- * hull (paper 4.4) keeps a tenth of them, as a few thousand runs that are copied as they are; nothing
- * of the other nine tenths is touched.  Why windows: a bin takes one byte where a row number and a
- * value take six, one copy does for both products, and rows need no numbers of their own.
+ * S is stored by COLUMNS, as windows of bins (recon/simd/windows.h), because a voxel's basis function touches a
+ * handful of neighbouring bins in a camera.  Reason for columns: restricting S to the visual hull (paper 4.4)
+ * keeps a tenth of them, in a few thousand runs that are copied unchanged; the other nine tenths are not touched.
+ * Reason for windows: a bin takes one byte, where a row number and a value take six; one copy serves both
+ * products; and rows need no numbers of their own.
  *
  * An entry is a byte,
  *     S_ij = unit * val,   unit = diagonal of a voxel / 254                                  (2)
@@ -19,7 +19,7 @@
  * which its ray meets the voxels, the running sum C is rounded and not the value,
  *     val_k = round(C_k / unit) - round(C_{k-1} / unit),                                     (3)
  * so every value is within one unit and every row's sum within half a unit, 5e-5 of a chord across
- * 64 voxels: rounding moves a little of the ray to a neighbour, it loses nothing.  (Error of the
+ * 64 voxels: rounding moves a little of the ray to a neighbour, but loses nothing.  (Error of the
  * ring flame at 16, 8, 7 and 6 bits: 0.0671, 0.0672, 0.0673, 0.0679.)
  *
  * Coarser levels: S->coarse is S on the grid of half as many voxels (rounded up) of twice the size,
@@ -31,8 +31,8 @@
  * Footprint of a column in a camera: the rectangle of bins that the support of basis function j
  * touches (conservative: every bin with a ray through the support is inside it; a support smaller
  * than a bin still has one).  seen = some part of it is in the image; behind or outside = unseen.
- * Rays end at the first body of the rig: what is behind has no entries there and is unseen.
- * On coarser levels: the children's together.
+ * Rays end at the first body of the rig: voxels behind it have no entries there and are unseen.
+ * On coarser levels a footprint is the union of the children's.
  * Files: little-endian, one version, header and sections with XXH3-64 checksums, key = hash of all
  * that S depends on, all levels in one file.
  * Ownership: the object owns its memory or mapping and its coarser levels; blocks are borrowed. */
@@ -71,12 +71,12 @@ static inline bool rec_rect_seen(struct rec_rect r)
     return r.x0 <= r.x1;
 }
 
-/* Footprints lie in bricks of 4^3 voxels, x fastest within and between: what is looked at together lies
- * together.  At the edge of the grid a brick has places without a voxel; those are not seen. */
+/* Footprints are stored in bricks of 4^3 voxels, x fastest within and between bricks: footprints that are used
+ * together lie together.  At the edge of the grid a brick has places without a voxel; those are not seen. */
 #define REC_BRICK        4
 #define REC_BRICK_VOXELS (REC_BRICK * REC_BRICK * REC_BRICK)
 
-/* What there is for each camera. */
+/* The data of one camera. */
 struct rec_sysmat_block {
     int32_t bw, bh;            /* bins across and down; rows row0[c] + y*bw + x */
     uint64_t nnz;              /* entries of its rows */
@@ -95,7 +95,7 @@ struct rec_sysmat {
     struct rec_sysmat_block *block;   /* [n_cameras] */
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera; [n_cameras] = rows in all */
     rec_sysmat *coarse;               /* or NULL */
-    struct rec_active *active;        /* what there is of it (active.h), or NULL: all of it */
+    struct rec_active *active;        /* the part that exists (active.h); NULL: all of S */
     bool cached;                      /* rec_sysmat_open found it */
     void *priv;                       /* mapping or heap */
 };
@@ -109,7 +109,7 @@ static inline size_t rec_brick_places(const struct rec_grid *g)
     return (size_t)rec_bricks(g, 0) * (size_t)rec_bricks(g, 1) * (size_t)rec_bricks(g, 2) *
            REC_BRICK_VOXELS;
 }
-/* Where the footprint of voxel (i,j,k) lies. */
+/* Place of the footprint of voxel (i,j,k). */
 static inline size_t rec_brick_place(const struct rec_grid *g, int32_t i, int32_t j, int32_t k)
 {
     size_t row = (size_t)(k / REC_BRICK) * (size_t)rec_bricks(g, 1) + (size_t)(j / REC_BRICK);
@@ -152,13 +152,13 @@ PVX_MUST_CHECK pvx_err rec_sysmat_build(const struct rec_rig *rig,
                                         rec_progress_fn progress, void *ctx, rec_sysmat **out,
                                         struct pvx_diag *d);
 void rec_sysmat_free(rec_sysmat **m);
-/* After all of a mapped matrix was read: its pages stay in the file cache, but not in the process, which
- * gets back those that it touches. */
+/* To be called after all of a mapped matrix was read.  Its pages leave the process, but stay in the file cache; pages
+ * that are used again come back. */
 void rec_sysmat_let_go(const rec_sysmat *m);
 
 /* Grid of (4). */
 void rec_sysmat_coarse_grid(const struct rec_grid *fine, struct rec_grid *coarse);
-/* Levels that a matrix on this grid has, itself included. */
+/* Number of levels of a matrix on this grid, itself included. */
 size_t rec_sysmat_levels(const struct rec_grid *g);
 
 /* Write / map.  save is atomic (temporary + rename) and reports a full disk as PVX_ENOSPC.
@@ -170,11 +170,10 @@ PVX_MUST_CHECK pvx_err rec_sysmat_save(const rec_sysmat *m, const char *path, pv
 PVX_MUST_CHECK pvx_err rec_sysmat_load(const char *path, uint64_t key, bool verify, pvx_pool *pool,
                                        rec_sysmat **out, struct pvx_diag *d);
 
-/* What a user wants: the cached matrix if it is there, sound and of this rig, else build and cache.
- * `path` NULL = $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file
- * sysmat-<key>.pvxm.  A damaged or stale file is logged and rebuilt (but a file given by `path` that
- * never was a matrix is not overwritten: PVX_EFORMAT); a cache that cannot be written is logged and
- * the matrix used from memory. */
+/* The cached matrix if it exists, is sound and belongs to this rig; otherwise builds and caches it.  `path` NULL =
+ * $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file sysmat-<key>.pvxm.  A damaged or stale file is
+ * logged and rebuilt (but a file given by `path` that never was a matrix is not overwritten: PVX_EFORMAT).  If the
+ * cache cannot be written, that is logged and the matrix is used from memory. */
 PVX_MUST_CHECK pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_params *p,
                                        const char *path, pvx_pool *pool,
                                        struct rec_progress progress, rec_sysmat **out,

@@ -1,13 +1,13 @@
-/* Entries -> windows (recon/simd/windows.h).  A camera's bins of a column are covered from the top: a
- * window begins at the first row that has a bin left, and at the leftmost bin left in the rows from
- * there that it has.  The first is the column's own, the others go to `more`.
+/* Entries -> windows (recon/simd/windows.h).  A camera's bins of a column are covered from the top.  A window begins
+ * at the first row that has an uncovered bin, and at the leftmost uncovered bin of the rows that it spans.  The first
+ * window is the column's own; the others go to `more`.
  *   count    chunks of columns: windows beyond the first, for each shape
- *   choose   the shape that takes the least memory; a window in `more` counts twice, being slower too
+ *   choose   the shape that takes the least memory; a window in `more` counts twice, because it is also slower
  *   fill     the chunks again
- *   settle   windows of rows of four begin at an even bin where their weights allow it, so that two bins of four
- *            channels, 32 bytes, never lie in two cache lines; those of columns 2i and 2i+1 of a row of voxels
- *            begin at the same bin where one window is large enough for both: what a product reads and writes
- *            there it does once for the two */
+ *   settle   windows with rows of four begin at an even bin if their weights allow it, so that two bins of four
+ *            channels, 32 bytes, never lie in two cache lines.  Those of columns 2i and 2i+1 of a row of voxels
+ *            begin at the same bin if one window is large enough for both: then a product reads and writes
+ *            there once for the two */
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,7 +15,7 @@
 #include "recon/matrix/entries.h"
 
 #define CHUNK 4096 /* columns per task */
-#define BINS  1024 /* that are covered at a time; a column that has more is covered in pieces */
+#define BINS  1024 /* bins covered at a time; a column that has more is covered in pieces */
 
 static const struct shape {
     uint32_t high, wide;
@@ -34,10 +34,10 @@ struct job {
 struct bins {
     uint32_t n, left;
     uint16_t x[BINS], y[BINS];
-    uint8_t val[BINS], in[BINS]; /* in: of a window already */
+    uint8_t val[BINS], in[BINS]; /* in: already in a window */
 };
 
-/* Those of camera c from entry `from` on, to `end` or as many as fit; the first entry after them. */
+/* Loads bins of camera c from entry `from` on, up to `end` or as many as fit; returns the first entry after them. */
 static uint32_t load_bins(const struct job *j, size_t c, uint32_t from, uint32_t end,
                           struct bins *b)
 {
@@ -53,7 +53,7 @@ static uint32_t load_bins(const struct job *j, size_t c, uint32_t from, uint32_t
     return from;
 }
 
-/* The next window of the bins that are left: its top left bin, and which weights. */
+/* Takes the next window of the uncovered bins: returns its top left bin, and writes its weights. */
 static uint32_t next_window(const struct job *j, const struct shape *s, size_t c, struct bins *b,
                             uint8_t w[REC_WINDOW_MAX])
 {
@@ -64,7 +64,7 @@ static uint32_t next_window(const struct job *j, const struct shape *s, size_t c
     for (uint32_t k = i + 1; k < b->n && b->y[k] < y + s->high; k++)
         if (!b->in[k] && b->x[k] < x)
             x = b->x[k];
-    if (bw >= s->wide && x > bw - s->wide) /* all of it in the image, where that is possible */
+    if (bw >= s->wide && x > bw - s->wide) /* inside the image, if possible */
         x = bw - s->wide;
     if (bh >= s->high && y > bh - s->high)
         y = bh - s->high;
@@ -159,7 +159,7 @@ static void extend(const struct shape *s, const uint8_t *w, uint32_t x, uint32_t
         }
 }
 
-/* Puts the windows of columns q ... q+n-1 in camera c at one place.  False: some is nowhere, or they do not fit. */
+/* Moves the windows of columns q ... q+n-1 in camera c to one place.  False: one is nowhere, or they do not fit. */
 static bool windows_settle(const struct job *j, size_t c, size_t q, size_t n)
 {
     struct rec_windows *out = &j->m->win;
@@ -193,7 +193,8 @@ static bool windows_settle(const struct job *j, size_t c, size_t q, size_t n)
     return true;
 }
 
-/* Voxels 2i and 2i+1 of a row; bricks are even, so both are kept or none.  Not across what is a chunk of the whole. */
+/* Whether a voxel is 2i of a pair 2i, 2i+1 in a row.  Bricks are even, so both are kept or none.  A pair never
+ * crosses a chunk of the whole S. */
 static bool is_pair(size_t voxel, size_t nx)
 {
     return voxel % nx % 2 == 0 && voxel % nx + 1 < nx && voxel / CHUNK == (voxel + 1) / CHUNK;
@@ -218,7 +219,7 @@ static void settle_chunk(void *ctx, size_t task)
     }
 }
 
-/* Shape of the least memory, and j->more summed up for it.  false: too many windows. */
+/* Chooses the shape of the least memory, and sums up j->more for it.  false: too many windows. */
 static bool windows_choose(struct job *j, size_t chunks)
 {
     double least = 0;
