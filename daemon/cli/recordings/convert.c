@@ -11,7 +11,7 @@
 
 struct convert {
     const char *in, *out;
-    int format; /* -1: as the name says */
+    int format; /* -1: from the name */
     int64_t from, to;
     struct vol_options o;
     uint64_t written;
@@ -118,7 +118,7 @@ static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Gaps that lie before set `before`, from the k-th on. */
+/* Copy the gaps that lie before set `before`, from the k-th on. */
 static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_writer *w, uint64_t *k,
                          uint64_t before, struct pvx_diag *d)
 {
@@ -129,7 +129,7 @@ static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_write
     return PVX_OK;
 }
 
-/* *w is opened for the first volume: where there is none, nothing is made. */
+/* Copy the volumes.  *w is opened for the first one: without a volume no file is made. */
 static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "converting"};

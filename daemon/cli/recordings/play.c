@@ -29,7 +29,7 @@ struct play {
     enum pvp_sample sample;
     enum pvp_compress comp;
     pvp_pub *pub;
-    uint64_t published, session, gap; /* gap: the recording's next that is not published yet */
+    uint64_t published, session, gap; /* gap: the next gap of the recording to publish */
 };
 
 enum { OPT_LOOP = 256, OPT_CLIENTS, OPT_INSECURE };
@@ -86,7 +86,7 @@ static const struct argp argp = {
            "Exit: 0 at the end, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.",
 };
 
-/* The daemon's own rules. */
+/* Check by the daemon's rules whether the endpoint may be published. */
 static pvx_err may_publish(struct play *p, struct pvx_diag *d)
 {
     const char *open;
@@ -112,7 +112,7 @@ static pvx_err may_publish(struct play *p, struct pvx_diag *d)
     return e == PVX_OK ? dmn_endpoint_prepare(p->endpoint, d) : e;
 }
 
-/* A session of its own: one publisher. */
+/* Begin a new session with its own publisher. */
 static pvx_err play_begin_session(struct play *p, struct pvx_diag *d)
 {
     struct pvp_start s = vol_reader_head(p->in)->start;
@@ -154,8 +154,8 @@ static void wait_for_subscriber(struct play *p)
     }
 }
 
-/* Publish the gaps up to set `end` that the recording explains.  A reader sees that sets are missing and
- * cannot tell why. */
+/* Publish the gaps before set `end` whose sets were not solved.  Without this a subscriber sees that sets are
+ * missing, but cannot tell why. */
 static pvx_err play_gaps(struct play *p, uint64_t end, struct pvx_diag *d)
 {
     const struct vol_gap *g;
@@ -182,7 +182,7 @@ static pvx_err play_gaps(struct play *p, uint64_t end, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* All volumes once, each at its time. */
+/* Publish all volumes once, each at its time. */
 static pvx_err play_once(struct play *p, struct pvx_diag *d)
 {
     struct vol_volume v;
@@ -191,7 +191,7 @@ static pvx_err play_once(struct play *p, struct pvx_diag *d)
     p->gap = 0;
     for (uint64_t k = 0; k < vol_reader_count(p->in) && !cli_stop; k++) {
         PVX_TRY(vol_reader_get(p->in, k, &v, d));
-        if (v.v.t_exposure_ns < last_ns) { /* the first, or the clock was set back */
+        if (v.v.t_exposure_ns < last_ns) { /* the first volume, or the clock was set back */
             began = pvx_now_mono();
             first_ns = v.v.t_exposure_ns;
         }

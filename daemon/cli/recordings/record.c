@@ -1,4 +1,4 @@
-/* pyrovox record - a subscriber whose volumes go to disk. */
+/* pyrovox record - a subscriber that writes the volumes to disk. */
 #include <argp.h>
 #include <cjson/cJSON.h>
 #include <errno.h>
@@ -21,12 +21,12 @@
 
 enum { KEEP_FREE = 256, ROLL, DAEMON };
 #define CONFIG_MAX ((size_t)1 << 20)
-#define WAIT_NS    (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
+#define WAIT_NS    (200 * PVX_NS_PER_MS) /* longest reaction time to Ctrl-C */
 
 struct record {
     const char *endpoint, *key, *control, *raw, *out;
     char default_out[64];
-    int64_t parent;  /* 0: any */
+    int64_t parent;  /* process that must be the parent; 0: any */
     int64_t volumes; /* stop after so many; 0 = no limit */
     double seconds;  /* after the first volume; 0 = no limit */
     int quiet;
@@ -36,10 +36,10 @@ struct record {
     vol_recorder *rec;
     struct vol_recorder_config config;
     const char *format;
-    char path[1200]; /* where this session's volumes go */
+    char path[1200]; /* file or folder of this session's volumes */
     uint64_t session, accepted, unreadable;
     uint64_t next_volume,
-        last_set; /* of the session: messages of volumes so far; the last set that is known */
+        last_set;        /* of the session: number of the next volume message; last known set */
     int64_t begun, told; /* mono: first volume, last status line */
     uint64_t told_written;
     char *daemon_config;
@@ -143,7 +143,7 @@ static const struct argp argp = {
            "recording is complete up to that moment.",
 };
 
-/* With the first volume: by then all is known that the daemon says of itself. */
+/* Begin a session with its first volume: by then the daemon has sent all of its description. */
 static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint64_t set,
                              struct pvx_diag *d)
 {
@@ -165,7 +165,7 @@ static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint6
     return PVX_OK;
 }
 
-/* The sets after the last one that is known, up to `last`, are missing. */
+/* Record that the sets after the last known one, up to `last`, are missing. */
 static pvx_err record_gap(struct record *r, enum vol_gap_why why, uint64_t last, uint64_t volumes)
 {
     struct vol_gap g = {why, r->last_set + 1, last, volumes};
@@ -175,8 +175,8 @@ static pvx_err record_gap(struct record *r, enum vol_gap_why why, uint64_t last,
     return vol_recorder_gap(r->rec, &g);
 }
 
-/* Sets between the last one that is known and this one, whatever left them out.  The count in this message says how
- * many volumes were lost on the way. */
+/* Record the sets between the last known one and this one as missing, whatever the cause.  The number of this message
+ * tells how many volumes were lost on the way. */
 static pvx_err record_note_missing(struct record *r, const struct pvp_header *h, uint64_t set)
 {
     uint64_t came = h->type_sequence, due = r->next_volume;
@@ -193,7 +193,7 @@ static uint64_t record_number(const cJSON *o, const char *key)
     return v >= 1 && v < 0x1p53 ? (uint64_t)v : 0; /* 0: none; NaN too */
 }
 
-/* `pyrovox play` says which sets its recording knows to be unsolved: they are not lost. */
+/* `pyrovox play` publishes which sets of its recording were not solved.  These sets are not lost. */
 static pvx_err record_event(struct record *r, const void *msg, size_t len)
 {
     const char *json;
@@ -215,7 +215,7 @@ static pvx_err record_event(struct record *r, const void *msg, size_t len)
     return e;
 }
 
-/* One message that cannot be read is reported and counted; the recording goes on. */
+/* Record a volume.  A message that cannot be read is counted and the first one reported.  The recording goes on. */
 static pvx_err record_save(struct record *r, const struct pvp_header *h, const void *msg,
                            size_t len, struct pvx_diag *d)
 {
@@ -238,8 +238,8 @@ static pvx_err record_save(struct record *r, const struct pvp_header *h, const v
     return PVX_OK;
 }
 
-/* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere; the daemon that began it
- * counts by them. */
+/* Print the state.  On a terminal it is one line, renewed each second.  Elsewhere it is a line every ten seconds, but
+ * each second for the daemon that began the recording: it counts by these lines. */
 static void record_tell(struct record *r)
 {
     int64_t now = pvx_now_mono();
@@ -302,7 +302,7 @@ static pvx_err record_run_loop(struct record *r, struct pvx_diag *d)
         PVX_TRY(e);
         vol_recorder_stats(r->rec, &st);
         if (st.error != PVX_OK)
-            return PVX_OK; /* vol_recorder_finish says why */
+            return PVX_OK; /* vol_recorder_finish returns the error */
         if (r->in_session)
             record_tell(r);
         else if (!r->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
@@ -354,7 +354,7 @@ static void name_out(struct record *r)
     r->out = r->default_out;
 }
 
-/* The configuration of the daemon that began this. */
+/* Read from stdin the configuration of the daemon that began this recording. */
 static char *read_config(void)
 {
     char *text = NULL;
@@ -374,7 +374,7 @@ static char *read_config(void)
     return text;
 }
 
-/* As the daemon has to hear it: it runs in another folder. */
+/* Make a path absolute for the daemon, which runs in another folder. */
 static pvx_err record_absolute(const char *path, char *out, size_t size, struct pvx_diag *d)
 {
     char here[PATH_MAX];
@@ -425,7 +425,7 @@ static int record_run(int argc, char **argv)
         return 130;
     if (r.parent != 0)
         r.daemon_config = read_config();
-    pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* now, not after an hour of waiting */
+    pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* errors show before a long wait */
     if (e == PVX_OK)
         e = pvp_decoder_new(&r.decoder);
     if (e == PVX_OK)
@@ -439,7 +439,7 @@ static int record_run(int argc, char **argv)
     if (r.sub != NULL)
         record_conclude(&r, &st);
     if (st.written == 0 && !there)
-        rmdir(r.out); /* fails, rightly, when something is in it */
+        rmdir(r.out); /* fails if something is in it, as it should */
     if (e == PVX_ENOSPC)
         fprintf(stderr, "pyrovox: the disk is full; the volumes recorded before are complete\n");
     int rc = e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;

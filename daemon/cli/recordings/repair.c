@@ -1,4 +1,4 @@
-/* pyrovox repair - a recording of volumes that was cut off, finished. */
+/* pyrovox repair - finish a recording of volumes that was cut off. */
 #include <argp.h>
 #include <errno.h>
 #include <stdio.h>
@@ -12,7 +12,7 @@
 
 struct repair {
     const char *file;
-    char made[1200], kept[1200]; /* the finished one while it is written; the original afterwards */
+    char made[1200], kept[1200]; /* paths: the unfinished new file; the original */
     uint64_t good, bad;
 };
 

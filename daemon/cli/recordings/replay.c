@@ -1,4 +1,4 @@
-/* replay.c - `pyrovox replay`: a take through the daemon once more, described, or as files.
+/* replay.c - `pyrovox replay`: play a take through the daemon again, describe it, or export it as files.
  *
  * Playing runs pyrovoxd with the configuration and the rig that are in the take, and take: cameras. */
 #include <argp.h>
@@ -94,7 +94,7 @@ static pvx_err apply_sets(const struct args *a, struct dmn_config *c, struct pvx
     return PVX_OK;
 }
 
-/* Names in it are relative to where it was; it is going to be somewhere else. */
+/* Make a name absolute.  Names in the configuration are relative to its old folder, and it moves to another one. */
 static void make_absolute(const char *base, char *name, size_t size)
 {
     char path[PATH_MAX + DMN_WORD_MAX];
@@ -105,7 +105,7 @@ static void make_absolute(const char *base, char *name, size_t size)
         snprintf(name, size, "%s", path);
 }
 
-/* What playing changes. */
+/* Change the configuration to play the take. */
 static pvx_err play_take(const struct args *a, struct dmn_config *c, struct pvx_diag *d)
 {
     char path[PATH_MAX];
@@ -129,7 +129,7 @@ static pvx_err play_take(const struct args *a, struct dmn_config *c, struct pvx_
     c->loop = a->loop;
     c->lossless = a->lossless;
     if (a->lossless)
-        c->deadline_ms = 0; /* a clock has no say in it */
+        c->deadline_ms = 0; /* results must not depend on a clock */
     else
         c->fps *= a->speed;
     return PVX_OK;
@@ -163,7 +163,7 @@ struct folder {
     char dir[256], rig[300], config[300];
 };
 
-/* A take that is recorded of the replay is the user's: not into the folder that is removed. */
+/* Let takes recorded during the replay go to the user's folder, because the replay's own folder is removed. */
 static void record_here(struct dmn_config *c)
 {
     char here[PATH_MAX], path[sizeof c->record_path];
@@ -210,7 +210,7 @@ static void replay_remove_folder(const struct folder *f)
         fprintf(stderr, "pyrovox: %s stays: %s\n", f->dir, strerror(errno));
 }
 
-/* The daemon's exit code; -1: it could not be started. */
+/* Run the daemon.  Returns its exit code; -1: it could not be started. */
 static int run_daemon(const struct folder *f, struct pvx_diag *d)
 {
     char bin[PATH_MAX], path[PATH_MAX + 16];
@@ -231,7 +231,7 @@ static int run_daemon(const struct folder *f, struct pvx_diag *d)
     int status = 0;
     bool told = false;
     while (pid > 0 && waitpid(pid, &status, 0) != pid) {
-        if (cli_stop && !told) /* a terminal's Ctrl-C has reached it already: harmless */
+        if (cli_stop && !told) /* harmless if a terminal's Ctrl-C has reached it already */
             kill(pid, SIGTERM);
         told = told || cli_stop;
     }

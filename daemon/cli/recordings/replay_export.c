@@ -1,7 +1,7 @@
 /* replay_export.c - frames of a take as files that other programs read, without losing bits:
  *     8 and 16 bits per sample          .png, the samples as they are (BGR turned to RGB)
- *     10, 12, 14 bits, also packed      .png of 16 bits, the value in the low bits; Bayer stays Bayer:
- *                                       reconstruct --pixel-format BayerRG12 says what it is
+ *     10, 12, 14 bits, also packed      .png of 16 bits, the value in the low bits; Bayer stays Bayer, and
+ *                                       reconstruct needs --pixel-format, as BayerRG12
  *     JPEG                              .jpg, the bytes as they came
  *     YUV, float                        .npy, float; YUV as linear RGB */
 #include <inttypes.h>
@@ -28,8 +28,8 @@ struct export
     uint64_t written;
 };
 
-/* Samples of a packed format, by the same conversion as everywhere: value / full scale, exact in
- * float for up to 14 bits. */
+/* Unpack the samples of a packed format with the common conversion.  It gives value / full scale, exact in float for
+ * up to 14 bits. */
 static pvx_err unpack(struct export *x, const struct cap_image *img, struct pvx_diag *d)
 {
     const uint8_t *cell = cap_pixfmt_bayer(img->fmt);
@@ -159,7 +159,7 @@ static pvx_err export_all(struct export *x, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* What reconstruct has to be told, as the files cannot say it. */
+/* Print the --pixel-format that reconstruct needs, because the files do not contain it. */
 static void tell_format(const struct cap_take_head *h)
 {
     for (uint32_t c = 0; c < h->n_cameras; c++) {

@@ -15,7 +15,7 @@ static void replay_info_when(int64_t t_ns, char *out, size_t size)
         snprintf(out, size, "at %" PRId64 " ns", t_ns);
 }
 
-/* Numbers between the frames of a camera that are neither here nor in a gap: never received. */
+/* Count the frame numbers of a camera that are neither in the take nor in a gap: such frames were never received. */
 static uint64_t never_received(const cap_take *t, uint32_t c)
 {
     uint64_t n = 0, listed = 0;
