@@ -1,5 +1,5 @@
-/* A flame from its pictures: drawn in four cameras, and made again.  What a program does with pictures of its own is
- * the same from rec_frame_alone on.
+/* A flame from its pictures: rendered in four cameras, and reconstructed.  A program with its own pictures does the
+ * same from rec_frame_alone on.
  *
  *     cc example.c $(pkg-config --cflags --libs pyrovox-recon) -lm -o example && ./example */
 #include <math.h>

@@ -17,7 +17,7 @@ static double flame_mix(double a, double b, double t)
     return a + (b - a) * t;
 }
 
-/* Number `which` of blob g, 0..1, from the seed (splitmix64's finaliser). */
+/* Random number `which` of blob g, 0..1, from the seed (splitmix64's finaliser). */
 static double flame_draw(const struct rec_flame *f, int g, int which)
 {
     uint64_t z = ((uint64_t)f->seed << 32) + (uint64_t)g * 64 + (uint64_t)which;
@@ -196,7 +196,7 @@ static void tile_rays(const struct rec_camera *c, int32_t x0, int32_t y0, double
     for (int j = 0; j < 4 && ok; j++)
         for (int i = 0; i < 4 && ok; i++)
             ok = unit_depth(c, x0 - 0.5 + i * step, y0 - 0.5 + j * step, node[j][i]);
-    if (!ok) { /* at the edge of what the lens can see: ray by ray */
+    if (!ok) { /* at the edge of what the lens can see: compute it ray by ray */
         for (int j = 0; j < TILE; j++)
             for (int i = 0; i < TILE; i++) {
                 double d[3] = {0, 0, 1};
@@ -289,7 +289,7 @@ static inline float exp_half(float q)
     return p * scale;
 }
 
-/* Add blob b to the samples [i0,i1) of one row of a tile.  Pointers by name, or the loop would not be
+/* Add blob b to the samples [i0,i1) of one row of a tile.  Separate pointer arguments, or the loop would not be
  * vectorised.  NOLINTNEXTLINE(readability-function-size) */
 static void flame_add_row(const struct seen_blob *b, const float *restrict dx,
                           const float *restrict dy, const float *restrict dz,

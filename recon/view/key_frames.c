@@ -19,7 +19,7 @@ struct reading {
     struct pvx_diag *d;
 };
 
-/* Three numbers of a key, where it has them. */
+/* Reads three numbers of a key, if it has them. */
 static pvx_err key_frames_point(const struct reading *r, int map, const char *key,
                                 const char *where, double out[3])
 {
@@ -36,7 +36,7 @@ static pvx_err key_frames_point(const struct reading *r, int map, const char *ke
     return PVX_OK;
 }
 
-/* The ideal camera that stands where that of the rig does. */
+/* The ideal camera at the place of a camera of the rig. */
 static pvx_err of_rig(const struct reading *r, int node, const char *where, struct rec_key_frame *k)
 {
     const char *name = pvx_yaml_text(r->y, node);

@@ -6,7 +6,7 @@
  *       - { t: 3, eye: [0, -2, 1.5], look_at: [0, 0, 0.4], fov: 25 }   # degrees, top to bottom
  *       - { t: 5, camera: cam3 }                                       # the place of a camera of the rig
  *
- * t rises.  A key without look_at, up or fov has those of the options.  A camera of the rig gives eye, look_at (at
+ * t rises.  A key without look_at, up or fov takes them from the options.  A camera of the rig gives eye, look_at (at
  * the depth of the middle of the volume), up and fov, but not its lens or the centre of its picture.
  * Between keys, eye, look_at, up and log fov are cubics through the keys.  Their slope at a key is that of the
  * parabola through the key and its neighbours (Bessel), at the ends that of the chord.  So the speed does not jump,
@@ -30,7 +30,7 @@ struct rec_key_frames {
     struct rec_key_frame *key;
 };
 
-/* `base`: what a key does not say (its look_at is the middle of the volume, or --look-at); rig: for `camera`,
+/* `base`: values that a key does not give (its look_at is the middle of the volume, or --look-at); rig: for `camera`,
  * may be NULL.  Errors: PVX_EFORMAT, PVX_ENOENT, PVX_ENOMEM with file, line and key; then *out is empty.
  * Owner: caller, until rec_key_frames_fini. */
 PVX_MUST_CHECK pvx_err rec_key_frames_load(const char *path, const struct rec_key_frame *base,
@@ -43,10 +43,11 @@ PVX_MUST_CHECK pvx_err rec_key_frames_parse(const char *text, size_t len, const 
                                             struct pvx_diag *d);
 void rec_key_frames_fini(struct rec_key_frames *k);
 
-/* Pictures from the first key to the last, both shown where fps (1..100) hits them. */
+/* Pictures from the first key to the last, both included if they fall on a multiple of 1 / fps (fps 1..100). */
 size_t rec_key_frames_pictures(const struct rec_key_frames *k, int fps);
 
-/* The camera of picture i.  PVX_EINVAL: it stands in what it looks at, or looks along `up`; says when. */
+/* The camera of picture i.  PVX_EINVAL: the camera stands at the point that it looks at, or looks along `up`; d
+ * has the time. */
 PVX_MUST_CHECK pvx_err rec_key_frames_camera(const struct rec_key_frames *k, size_t i, int fps,
                                              int32_t w, int32_t h, struct rec_camera *out,
                                              struct pvx_diag *d);

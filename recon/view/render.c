@@ -111,7 +111,7 @@ void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, 
     *out = (struct rec_camera){
         .width = w, .height = h, .cx = (w - 1) / 2.0, .cy = (h - 1) / 2.0, .gain = {1, 1, 1}};
     snprintf(out->name, sizeof out->name, "orbit");
-    double f = INFINITY; /* the largest that keeps every corner in the image all the way round */
+    double f = INFINITY; /* the largest that keeps every corner in the image at every angle */
     for (int turn = 0; turn < 64; turn++) {
         render_place(g, 2 * 3.14159265358979323846 * turn / 64, elevation, out);
         for (int corner = 0; corner < 8; corner++) {

@@ -13,7 +13,7 @@ extern "C" {
 
 #define REC_RENDER_SUB_MAX 64
 
-/* From where, and past what. */
+/* The viewpoint, and the bodies that may hide parts. */
 struct rec_eye {
     const struct rec_camera *camera;
     const struct rec_bodies *bodies; /* rays end at them; NULL: none */
@@ -21,7 +21,7 @@ struct rec_eye {
 };
 
 /* dense [nz][ny][nx][nch] on g (basis as g says) -> image [h][w][nch] float, unclipped, mean over
- * the rays of a pixel; what lies behind the camera, or behind a body, is not seen.
+ * the rays of a pixel; voxels behind the camera, or behind a body, are not seen.
  * Parallel over rows; same bits for any thread count.  PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
                                   const struct rec_eye *eye, pvx_pool *pool, float *image);

@@ -49,7 +49,7 @@ double room_albedo(const struct room_face *f, double a, double b)
 {
     if (!(f->tile > 0))
         return f->albedo[0];
-    /* counted from the middle, where the flame is */
+    /* chequers are counted from the middle, where the flame is */
     double u = (a - 0.5) * sqrt(f->u[0] * f->u[0] + f->u[1] * f->u[1] + f->u[2] * f->u[2]);
     double v = (b - 0.5) * sqrt(f->v[0] * f->v[0] + f->v[1] * f->v[1] + f->v[2] * f->v[2]);
     bool odd = fmod(fabs(floor(u / f->tile) + floor(v / f->tile)), 2) != 0;
@@ -152,7 +152,7 @@ void rec_room_camera(const rec_room *r, double angle, double elevation, int32_t 
     eye[0] = at[0] + far * cos(elevation) * cos(angle);
     eye[1] = at[1] + far * cos(elevation) * sin(angle);
     eye[2] = at[2] + far * sin(elevation);
-    double half = 0.45 * fmax(1, (double)h / w); /* as much room on either side of a tall picture */
+    double half = 0.45 * fmax(1, (double)h / w); /* tall pictures get the same sides */
     if (rec_look_at_camera(eye, at, up, 2 * atan(half), w, h, out) != PVX_OK)
-        *out = (struct rec_camera){.width = w, .height = h}; /* no picture has such a size */
+        *out = (struct rec_camera){.width = w, .height = h}; /* the size is out of range */
 }

@@ -3,19 +3,19 @@
  * A pixel sees the flame in front of the first surface, and that surface in the flame's light:
  *     L = integral of e from the eye (or where the ray comes into the room) to the surface ds
  *         + albedo / pi x (E(p) + E_a)                                                          (1)
- * optically thin: flame behind the surface adds nothing.  E(p), irradiance: the emission of all
- * voxels, each with its own shadow (room_lamps.h (1)), known at points about 1/40 of the flame's size
- * apart and bilinear between them; known once for a volume, for all views.  E_a, one number for the
- * room: what the surfaces send on to each other, spread evenly,
+ * optically thin: flame behind the surface adds nothing.  E(p), irradiance: the emission of all voxels, each with its
+ * own shadow (room_lamps.h (1)).  It is computed once for a volume, for all views, at points about 1/40 of the
+ * flame's size apart, and is bilinear between them.  E_a, one number for the room: the light that the surfaces
+ * reflect to each other, spread evenly,
  *     E_a = mean(albedo E) / (1 - mean(albedo)), by area                                         (2)
- * Source of (2): ambient term of M. Cohen, S. Chen, J. Wallace, D. Greenberg, A progressive refinement
- * approach to fast radiosity image generation, SIGGRAPH 1988, eq. (12).  Both bases: a voxel sends out
- * 4 pi e dV in either.  L is in the units of the volume's pictures, unclipped, finite whatever is in the
- * volume; what is negative, NaN or infinite in it is dark.
+ * Source of (2): ambient term of M. Cohen, S. Chen, J. Wallace, D. Greenberg, A progressive refinement approach to
+ * fast radiosity image generation, SIGGRAPH 1988, eq. (12).  Both bases: a voxel sends out 4 pi e dV in either.  L is
+ * in the units of the volume's pictures, unclipped, and finite for any volume: negative, NaN or infinite values in it
+ * are dark.
  *
- * The room fits a box (that of the flame rather than the grid's; all scales with it): chequered floor
- * under it, four walls, ceiling, a pillar on the side of +x, a block.  Walls are seen from inside only, so
- * a camera may stand outside.  What of a volume is outside the room or in a body is not there.
+ * The room fits a box (that of the flame rather than the grid's; all lengths scale with it): chequered floor under
+ * it, four walls, ceiling, a pillar on the side of +x, a block.  Walls are visible from inside only, so a camera may
+ * stand outside.  Parts of a volume outside the room or in a body are ignored.
  *
  *     rec_room *room;
  *     struct rec_camera c;
@@ -47,9 +47,9 @@ PVX_MUST_CHECK pvx_err rec_room_new(const double min[3], const double max[3], pv
 void rec_room_free(rec_room **r);
 
 /* Put a volume into the room in place of the one before: dense [nz][ny][nx][nch], nch 1 or 3, on g.
- * It is borrowed until the next one or the end.  PVX_EINVAL, PVX_ENOMEM: the room is empty.
- * Cost: 10^5 points x some hundred balls of voxels, and where the shadow of a body has its edges, the voxels that
- * the edge runs through: on two cores a second for 14 000 voxels with light, seven for 400 000. */
+ * It is borrowed until the next call or until the room is freed.  PVX_EINVAL, PVX_ENOMEM: the room is empty.
+ * Cost: 10^5 points x some hundred balls of voxels, and at the edges of a body's shadow the voxels that the edge
+ * crosses.  On two cores a second for 14 000 voxels with light, seven for 400 000. */
 PVX_MUST_CHECK pvx_err rec_room_light(rec_room *r, const struct rec_grid *g, const float *dense,
                                       int nch);
 

@@ -1,4 +1,4 @@
-/* room_int.h - what a room remembers, for its files and its tests. */
+/* room_int.h - the state of a room, for its files and its tests. */
 #ifndef REC_ROOM_INT_H
 #define REC_ROOM_INT_H
 #include "recon/view/room.h"
@@ -22,7 +22,7 @@ static inline size_t room_point(const struct room_face *f, int32_t i, int32_t j,
     return f->first + (size_t)j * (size_t)(f->nu + 1) + (size_t)i;
 }
 
-/* Of a face, per m^2: what point (i, j) stands for in the trapezoid rule over it. */
+/* Area [m^2] that point (i, j) of a face stands for in the trapezoid rule. */
 double room_point_area(const struct room_face *f, int32_t i, int32_t j);
 
 /* Albedo of a face at (a, b). */

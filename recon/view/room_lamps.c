@@ -42,7 +42,7 @@ static size_t room_lamps_collect(const struct room_scene *s, const struct rec_gr
     return n;
 }
 
-/* Ball about the middle of its lamps' box, and their moments.  Returns the longest axis of the box. */
+/* Sets the ball about the middle of its lamps' box, and their moments.  Returns the longest axis of the box. */
 static int room_lamps_measure(const struct room_lamp *lamp, struct room_node *k)
 {
     double lo[3], hi[3];
@@ -75,7 +75,8 @@ static int room_lamps_measure(const struct room_lamp *lamp, struct room_node *k)
     return axis;
 }
 
-/* Lamps below the middle of the axis first; how many.  Never 0 or all: the box is theirs. */
+/* Puts the lamps below the middle of the axis first; returns how many they are.  Never 0 or all, since the box is
+ * that of the lamps. */
 static size_t room_lamps_split(struct room_lamp *lamp, const struct room_node *k, int axis)
 {
     size_t low = k->first, high = k->first + k->n;
@@ -91,7 +92,7 @@ static size_t room_lamps_split(struct room_lamp *lamp, const struct room_node *k
     return low - k->first;
 }
 
-/* A place for one more node. */
+/* Makes room for one more node. */
 static bool room_lamps_make_room(struct room_lamps *l)
 {
     if (l->n_nodes < l->room)
@@ -105,8 +106,8 @@ static bool room_lamps_make_room(struct room_lamps *l)
     return true;
 }
 
-/* Node of lamps [first, first + n) and all below it, after the last; a grid's side is halved at most
- * 3 x 10 times.  PVX_ENOMEM. */
+/* Appends the node of lamps [first, first + n) and all nodes below it.  A grid's side is halved at most 3 x 10
+ * times.  PVX_ENOMEM. */
 static pvx_err room_lamps_grow(struct room_lamps *l, size_t first, size_t n)
 {
     if (!room_lamps_make_room(l))
@@ -166,7 +167,7 @@ static double room_lamps_dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* One term of (1).  bodies: those that may stand in between, a bit each. */
+/* One term of (1).  bodies: those that may stand between, a bit each. */
 static void add_lamp(struct point *q, const struct room_lamp *lamp, unsigned bodies)
 {
     double d[3] = {lamp->x[0] - q->p[0], lamp->x[1] - q->p[1], lamp->x[2] - q->p[2]};
@@ -221,7 +222,7 @@ void room_lamps_shine(const struct room_lamps *l, const struct room_scene *s, co
                       const double n[3], int body, double out[3])
 {
     struct point q = {.l = l, .s = s, .p = p, .n = n};
-    unsigned others = (1u << s->n_bodies) - 1; /* none shades its own lit side: all are convex */
+    unsigned others = (1u << s->n_bodies) - 1; /* all are convex: no shade on the own lit side */
     if (body >= 0)
         others &= ~(1u << body);
     if (l->n > 0)

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* The part (t0, t1) of the line o + t d inside |x| <= half; false: none, or it only touches.  axis: of
- * the side by which it comes in and goes out. */
+/* The part (t0, t1) of the line o + t d inside |x| <= half; false: none, or it only touches.  axis: of the sides
+ * by which it enters and leaves. */
 static bool room_scene_slab(const double o[3], const double d[3], const double half[3], double t[2],
                             int axis[2])
 {
@@ -79,7 +79,7 @@ static void add_walls(struct room_scene *s, double spacing)
     s->face[ROOM_FLOOR].albedo[1] = 0.4;
 }
 
-/* Its sides +x, +y, -x, -y, and the fifth, its top, where there is air above it. */
+/* Adds its sides +x, +y, -x, -y, and the fifth, its top, if there is air above it. */
 static void add_body(struct room_scene *s, const struct room_body *b, int sides, double spacing)
 {
     int k = s->n_bodies++;
@@ -139,7 +139,7 @@ static double room_scene_along(const double x[3], const double o[3], const doubl
     return fmin(1, fmax(0, dot / len));
 }
 
-/* First face of body k, if it is nearer than *leave: its number, else -1. */
+/* Number of the first face of body k on the ray, if it is nearer than *leave, else -1. */
 static int meets_body(const struct room_scene *s, int k, const double o[3], const double d[3],
                       double enter, double *leave)
 {
@@ -204,7 +204,7 @@ bool room_scene_free(const struct room_scene *s, const double x[3])
     return !room_scene_covered(s, x);
 }
 
-/* Some of the way from p (t = 0) to p + d (t = 1) lies in the box, the last of it at *end. */
+/* Whether part of the way from p (t = 0) to p + d (t = 1) lies in the box; *end: where the last of it ends. */
 static bool room_scene_passes(const double p[3], const double d[3], const double half[3],
                               double grown, double *end)
 {
@@ -213,7 +213,7 @@ static bool room_scene_passes(const double p[3], const double d[3], const double
     if (!(h[0] > 0 && h[1] > 0 && h[2] > 0) || !room_scene_slab(p, d, h, t, axis))
         return false;
     *end = fmin(t[1], 1);
-    return *end - fmax(t[0], 0) > 1e-9; /* more than a touch */
+    return *end - fmax(t[0], 0) > 1e-9; /* more than touching */
 }
 
 enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p[3],
@@ -228,7 +228,7 @@ enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p
         return ROOM_ALL;
     if (r == 0)
         return ROOM_NONE;
-    r *= end; /* the most that a ray to the ball is off q where there is a body at all */
+    r *= end; /* largest distance of a ray to the ball from q, as far as there is a body */
     if (!room_scene_passes(from, d, b->half, r, &end))
         return ROOM_ALL;
     return room_scene_passes(from, d, b->half, -r, &end) ? ROOM_NONE : ROOM_PART;

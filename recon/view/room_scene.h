@@ -1,6 +1,6 @@
-/* room_scene.h - what stands in the virtual room (room.h): six walls, a pillar, a block; where rays end.
+/* room_scene.h - the contents of the virtual room (room.h): six walls, a pillar, a block; where rays end.
  *
- * All lengths go by s = max(height, diagonal of the ground plan) of the box that the room is made for:
+ * All lengths scale with s = max(height, diagonal of the ground plan) of the box that the room is made for:
  * 4.5 s x 4.5 s x 2.25 s, floor under the box.  Walls are one-sided: a camera outside looks through them.
  * Bodies are boxes turned about z that stand on the floor; the pillar (0) reaches the ceiling.
  * Faces are rectangles with light known at (nu + 1) x (nv + 1) points, corners included:
@@ -20,7 +20,7 @@ struct room_body {
 
 struct room_face {
     double o[3], u[3], v[3], n[3]; /* edges m, unit normal */
-    int body;                      /* -1: a wall, which the room sees from inside */
+    int body;                      /* -1: a wall, visible from inside */
     int32_t nu, nv;
     size_t first;           /* of its points */
     double tile, albedo[2]; /* side of the chequers, m; 0: all is albedo[0] */
@@ -43,19 +43,20 @@ struct room_hit {
 void room_scene_init(struct room_scene *s, const double min[3], const double max[3],
                      int32_t points);
 
-/* The part of a ray (|d| = 1) that lies in the room, from `enter` to the first surface at `leave`, m.
+/* The part of a ray (|d| = 1) in the room, from `enter` to the first surface at `leave`, m.
  * False: it misses the room. */
 bool room_scene_ray(const struct room_scene *s, const double o[3], const double d[3], double *enter,
                     double *leave, struct room_hit *hit);
 
-/* In the room, in none of its bodies. */
+/* Whether x is in the room and in none of its bodies. */
 bool room_scene_free(const struct room_scene *s, const double x[3]);
-/* In a body, or on its surface: nothing is seen of a floor there. */
+/* Whether x is in a body or on its surface: the floor is not visible there. */
 bool room_scene_covered(const struct room_scene *s, const double x[3]);
 
-/* How much of the ball (c, r) body k lets p see.  r = 0: all or none.  Never wrong, but ROOM_PART may
- * be all or none: what p + t (c' - p), |c' - c| <= r, is from q = p + t (c - p) is at most t r.  So all of
- * them are in the body where q is in the body shrunk by that, and none is where no q is in it grown by that. */
+/* How much of the ball (c, r) is visible from p past body k.  r = 0: all or none.  ROOM_ALL and ROOM_NONE are
+ * always right, but ROOM_PART may in truth be all or none.  Points p + t (c' - p), |c' - c| <= r, are at most t r
+ * away from q = p + t (c - p).  So all of them are in the body where q is in the body shrunk by t r, and none of
+ * them is in it where no q is in the body grown by t r. */
 enum room_seen { ROOM_ALL, ROOM_PART, ROOM_NONE };
 enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p[3],
                                const double c[3], double r);

@@ -134,7 +134,7 @@ struct look {
     rec_view *v;
     const float *dense;
     int nch;
-    atomic_bool news; /* light where there is no column */
+    atomic_bool news; /* there is light where there is no column */
 };
 
 static void look_slab(void *ctx, size_t k)
@@ -149,14 +149,14 @@ static void look_slab(void *ctx, size_t k)
         atomic_store(&t->news, true);
 }
 
-/* Voxels added around the light: a flame moves a few per frame, more of them on a finer grid. */
+/* Voxels added around the light: a flame moves by a few per frame, by more on a finer grid. */
 static int32_t border(const struct rec_grid *g)
 {
     int32_t most = g->n[0] > g->n[1] ? g->n[0] : g->n[1];
     return 2 + (most > g->n[2] ? most : g->n[2]) / 32;
 }
 
-/* lit = lit and all within `by` voxels along `axis`. */
+/* lit = lit and all voxels within `by` of it along `axis`. */
 static void view_grow(rec_view *v, int axis, int32_t by)
 {
     const int32_t *n = v->grid.n;
@@ -233,7 +233,7 @@ static void sum_add(struct sum *s, uint32_t column, double value)
     s->value[k] += value;
 }
 
-/* Move the sum's entries to the end of the part; room for them is there. */
+/* Move the sum's entries to the end of the part, which has room for them. */
 static void sum_unload(struct sum *s, struct rec_entry *out, double factor)
 {
     for (uint32_t i = 0; i < s->n; i++) {
@@ -305,7 +305,7 @@ static void trace_part(void *ctx, size_t task)
         uint64_t all = atomic_fetch_add(&t->entries, at - before) + (at - before);
         if (all * sizeof(struct rec_entry) > v->max_bytes)
             err = PVX_ERANGE;
-        if (atomic_load(&t->err) != PVX_OK) /* another part's */
+        if (atomic_load(&t->err) != PVX_OK) /* an error of another part */
             break;
     }
     if (err != PVX_OK)
