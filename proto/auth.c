@@ -12,11 +12,11 @@
 #include "base/log.h"
 #include "base/mem.h"
 
-/* zmq.h has it among its drafts, every library of 4.3 knows it; where one does not, nothing is opened. */
+/* A draft in zmq.h, but known to every library of 4.3.  With a library that does not know it, no socket is opened. */
 #define ENFORCE_DOMAIN 93
 #define ZAP_ENDPOINT   "inproc://zeromq.zap.01"
 #define FRAMES \
-    7 /* of a request for CURVE: version, id, domain, address, identity, mechanism, key */
+    7 /* frames of a request for CURVE: version, id, domain, address, identity, mechanism, key */
 #define FRAME_MAX   256
 #define PATIENCE_MS 100
 
@@ -125,8 +125,8 @@ void pvp_auth_count_failed(pvp_auth *a, uint64_t n)
 
 pvx_err pvp_auth_guard(const pvp_auth *ca, void *socket, enum pvp_role role)
 {
-    /* Without a domain libzmq 4.3.4 asks nobody and lets all in; without the last option it lets all in
-     * where nobody answers. */
+    /* Without a domain, libzmq 4.3.4 asks no handler and lets everybody in.  Without the last option it lets
+     * everybody in when no handler answers. */
     const int yes = 1;
     pvp_auth *a = (pvp_auth *)ca;
     pthread_mutex_lock(&a->lock);
@@ -168,7 +168,7 @@ static bool auth_is(const struct frame *f, const char *text)
     return f->len == strlen(text) && memcmp(f->data, text, f->len) == 0;
 }
 
-/* *n frames of one request, more than FRAMES counted but not kept; false when none came. */
+/* Receives one request.  *n: its frames, of which those beyond FRAMES are counted but not kept.  False: none came. */
 static bool auth_receive(void *socket, struct frame f[FRAMES], int *n)
 {
     *n = 0;
@@ -186,7 +186,7 @@ static bool auth_receive(void *socket, struct frame f[FRAMES], int *n)
     return true;
 }
 
-/* Who the key belongs to, where the domain's role is theirs; false: nobody that may come in. */
+/* Whether the owner of the key has the role of the domain, and may come in.  name: the owner, "" if not listed. */
 static bool admit(pvp_auth *a, const struct frame *domain, const struct frame *key,
                   char name[PVP_KEY_NAME])
 {

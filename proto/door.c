@@ -9,15 +9,15 @@
 
 #include "base/mem.h"
 
-#define BROKEN_OFF 3 /* handshakes in a row: no daemon that is just ending */
+#define BROKEN_OFF 3 /* failed handshakes in a row: not just a daemon that is ending */
 #define FAILED                                                                    \
     (ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL | ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL | \
      ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
 
 struct pvp_door {
     void *zmq, *watched, *news;
-    int broken; /* handshakes that the other side broke off, since one that went well */
-    /* A second connection, without a key, which says nothing: that it is let in tells a daemon that asks for none. */
+    int broken; /* failed handshakes since the last successful one */
+    /* A second connection, without a key, that sends nothing.  If it is let in, the daemon does not ask for keys. */
     void *keyless;
     pvp_door *keyless_door;
 };
@@ -77,7 +77,7 @@ struct event {
     uint32_t value;
 };
 
-/* The next one: a frame of what it is, and one of where. */
+/* The next event.  It has one frame with the event, and one with its endpoint. */
 static struct event next_event(pvp_door *p)
 {
     unsigned char frame[6], where[256];
@@ -113,7 +113,7 @@ static void try_without_key(pvp_door *p, const char *endpoint)
     if (p->keyless == NULL || zmq_setsockopt(p->keyless, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
         pvp_door_new(p->zmq, p->keyless, &p->keyless_door) != PVX_OK ||
         zmq_connect(p->keyless, endpoint) != 0)
-        stop_trying(p); /* another time */
+        stop_trying(p); /* tried again later */
 }
 
 static pvx_err no_key(const char *endpoint, struct pvx_diag *d)
@@ -123,8 +123,9 @@ static pvx_err no_key(const char *endpoint, struct pvx_diag *d)
                     endpoint);
 }
 
-/* Several times broken off, with a key: either end may be the first to notice that the other one has none, and libzmq
- * then says the same as of a key that is wrong.  PVX_OK: not known yet, the next try ends in an event as well. */
+/* Several broken handshakes of a client with a key.  Either end may be the first to notice that the other has no
+ * key, and libzmq then reports the same as for a wrong key.  PVX_OK: not known yet; the next try also ends in an
+ * event. */
 static pvx_err broken_off(pvp_door *p, const char *endpoint, struct pvx_diag *d)
 {
     struct event e = {0};

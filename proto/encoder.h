@@ -16,7 +16,7 @@ struct pvp_encoder {
     uint64_t sent[WIRE_TYPES]; /* messages so far by type: the type sequence */
     uint8_t *msg;              /* the message under construction */
     size_t msg_size;
-    uint8_t *raw; /* payload before compression; without, it is built in msg */
+    uint8_t *raw; /* payload before compression; without compression it is built in msg */
     size_t raw_size;
     uint64_t *marked; /* bit per brick: has an active voxel; all 0 between calls */
     uint32_t *slot;   /* place of a marked brick in the payload */
@@ -24,6 +24,6 @@ struct pvp_encoder {
     ZSTD_CCtx *zstd;
 };
 
-/* Header in front of h.body bytes that are in place already; counts the message. */
+/* Puts the header in front of h.body bytes that are already in place; counts the message. */
 void pvp_finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, size_t *len);
 #endif

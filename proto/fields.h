@@ -8,25 +8,26 @@
 /* Bytes of one sample. */
 size_t pvp_sample_size(enum pvp_sample s);
 
-/* What a volume message says of its bricks. */
+/* The description of the bricks in a volume message. */
 struct pvp_payload {
     uint32_t description; /* bytes before the brick ids */
     uint32_t sample, comp, side, n_bricks;
     uint64_t raw_len, stored;
 };
-/* Each writes or reads, as w does.  The header: all of it behind the first four bytes.  *body: body_length. */
+/* Each function writes or reads, depending on w.  The header: all fields after the first four bytes.  *body:
+ * body_length. */
 void pvp_header_fields(struct wire *w, struct pvp_header *h, uint64_t *body);
 void pvp_grid_fields(struct wire *w, struct pvp_grid *g); /* sides, basis, channels */
 void pvp_box_fields(struct wire *w, struct pvp_grid *g);  /* min, max */
 void pvp_volume_fields(struct wire *w, struct pvp_volume *v, struct pvp_payload *p);
-/* PVX_EFORMAT, for a grid that is not pvp_grid_valid. */
+/* Returns PVX_EFORMAT, with the reason why the grid is not pvp_grid_valid. */
 pvx_err pvp_grid_fail(const struct pvp_grid *g, struct pvx_diag *d);
 
-/* A message of any type but start, volume and rig.  `what` is what the encode function of the type takes: the text of status,
- * event and end, the struct of a preview.  PVX_EUNSUP: another type. */
+/* A message of any type except start, volume and rig.  `what` is the argument of the type's encode function: the
+ * text of status, event and end, the struct of a preview.  PVX_EUNSUP: another type. */
 PVX_MUST_CHECK pvx_err pvp_encode(pvp_encoder *e, uint64_t sequence, enum pvp_type type,
                                   const void *what, const void **msg, size_t *len);
-/* What the decode function of its type says of a message.  PVX_EUNSUP: a type that is not known here. */
+/* The result of the decode function of the type.  PVX_EUNSUP: a type that is not known here. */
 PVX_MUST_CHECK pvx_err pvp_check(enum pvp_type type, const void *msg, size_t len);
 
 /* Header of a message that must be of `type`; *in = its body. */

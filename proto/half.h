@@ -1,9 +1,9 @@
-/* half.h - IEEE 754 binary16 without a branch, as what a solver finds lies on both sides of the smallest normal
- * half: the same bits on every machine that rounds float32 to nearest.
+/* half.h - IEEE 754 binary16 without branches, since a solver's values lie on both sides of the smallest normal half.
+ * The bits are the same on every machine that rounds float32 to nearest.
  *
- * To half: round to nearest, ties to even; magnitudes above 65504 become 65504 (the caller flags
- * it), as a reader is better served by a cut value than by an infinity.  The input is finite.
- * From half: exact; infinities and NaN stay what they are. */
+ * To half: round to nearest, ties to even.  Magnitudes above 65504 become 65504 (the caller flags it), since a reader
+ * can use a cut value better than an infinity.  The input is finite.
+ * From half: exact; infinities and NaN are kept. */
 #ifndef PVP_HALF_H
 #define PVP_HALF_H
 #include <stdint.h>
@@ -39,7 +39,7 @@ static inline uint16_t pvp_half_from_bits(uint32_t bits)
 static inline float pvp_half_to_float(uint32_t h)
 {
     uint32_t sign = (h & 0x8000u) << 16, mag = (h & 0x7fffu) << 13;
-    /* A subnormal one's bits are those of a float from 2^-14 on, less that. */
+    /* A subnormal half has the bits of a float from 2^-14 on, minus 2^-14. */
     uint32_t few = pvp_float_bits(pvp_bits_float(mag + (113u << 23)) - 0x1p-14F);
     uint32_t beyond = 0u - (mag >= 31u << 23); /* infinities and NaN */
     uint32_t many = mag + (112u << 23) + (beyond & 112u << 23);

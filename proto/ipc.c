@@ -27,8 +27,8 @@ static pvx_err busy(const char *endpoint, long pid, struct pvx_diag *d)
                     endpoint, who);
 }
 
-/* Opens and locks c->lock.  The former owner removes the file while it holds the lock, so the file
- * that was locked may no longer be the one under that name: then once more. */
+/* Opens and locks c->lock.  The former owner removes the file while it holds the lock, so the
+ * locked file may no longer be the one with that name.  Then this is repeated. */
 static pvx_err get_lock(struct pvp_ipc_claim *c, const char *endpoint, struct pvx_diag *d)
 {
     for (;;) {
@@ -54,7 +54,7 @@ static pvx_err get_lock(struct pvp_ipc_claim *c, const char *endpoint, struct pv
     }
 }
 
-/* A program that knows nothing of the lock may listen there. */
+/* Whether some program listens there; it need not know of the lock. */
 static int somebody_listens(const char *path)
 {
     int s = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -98,7 +98,7 @@ pvx_err pvp_ipc_claim_new(const char *endpoint, pvp_ipc_claim **out, struct pvx_
     }
     char pid[24];
     int n = snprintf(pid, sizeof pid, "%ld\n", (long)getpid());
-    /* Only for the message of whoever comes second; a full disk is no reason not to start. */
+    /* The pid is only for the message to a second daemon; a full disk does not prevent the start. */
     if (ftruncate(c->fd, 0) != 0 || pwrite(c->fd, pid, (size_t)n, 0) != n)
         errno = 0;
     *out = c;

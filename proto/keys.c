@@ -39,7 +39,7 @@ static bool is_name(const char *text)
            strspn(text, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._@-") == n;
 }
 
-/* The next line that says something, cut into at most three words; false at the end. */
+/* The next line that is not empty or a comment, cut into at most three words; false at the end. */
 struct lines {
     char *rest;
     int line;
@@ -120,8 +120,8 @@ pvx_err pvp_clients_parse(char *text, const char *name, struct pvp_client_list *
     return PVX_OK;
 }
 
-/* What systemd gives to this process alone: its right to read is in a list (ACL), of which stat(2) shows
- * the mask as the group's. */
+/* A file that systemd gives to this process alone.  The right to read it is in an ACL, whose mask stat(2) shows as
+ * the group's rights. */
 static bool is_credential(const char *path)
 {
     const char *dir = getenv("CREDENTIALS_DIRECTORY");

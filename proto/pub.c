@@ -15,12 +15,12 @@
 #define LINGER_MS          250
 #define LINGER_LOSSLESS_MS 60000
 
-/* One socket: for all who can reach it, or for listed keys. */
+/* One socket: for everybody who can reach it, or for listed keys only. */
 struct outlet {
     const char *const *endpoint; /* the publisher's own copy */
     size_t n, subscribers;
     void *socket;   /* NULL: no endpoints, or to be opened anew */
-    pvp_door *door; /* of one that is guarded */
+    pvp_door *door; /* of the guarded one */
 };
 enum { OPEN, GUARDED, N_OUTLETS };
 
@@ -32,8 +32,8 @@ struct pvp_pub {
     uint64_t sequence;
     int64_t start_due; /* mono */
     char *rig;         /* NULL: no such messages */
-    bool rig_wanted;   /* somebody has come */
-    int64_t rig_next;  /* mono; not before */
+    bool rig_wanted;   /* there is a new subscriber */
+    int64_t rig_next;  /* mono; not sent before */
     bool lossless;
     int hwm;
     pvp_auth *auth;
@@ -50,8 +50,8 @@ static pvx_err set_int(void *socket, int option, int value)
                                                                      : pvx_err_from_errno(errno);
 }
 
-/* Live: never blocks and reports no drop, what fails here is the socket itself.  Lossless: waits for
- * the slowest subscriber; one that has not read for PVP_PUB_PATIENCE_S is no longer waited for. */
+/* Live: never blocks and reports no drop; an error here is one of the socket itself.  Lossless: waits for the
+ * slowest subscriber, but no longer for one that has not read for PVP_PUB_PATIENCE_S. */
 static pvx_err send_on(struct pvp_pub *p, void *socket, const void *msg, size_t len)
 {
     while (zmq_send(socket, msg, len, p->lossless ? 0 : ZMQ_DONTWAIT) < 0) {
@@ -80,7 +80,7 @@ static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
     return PVX_OK;
 }
 
-/* Subscribers send 1 + prefix to subscribe, 0 + prefix to leave; libzmq does so for one that dies. */
+/* Subscribers send 1 + prefix to subscribe, 0 + prefix to leave; libzmq does so for a subscriber that dies. */
 static void read_subscriptions(struct pvp_pub *p, struct outlet *o)
 {
     unsigned char m[64];
@@ -88,7 +88,7 @@ static void read_subscriptions(struct pvp_pub *p, struct outlet *o)
     while ((n = zmq_recv(o->socket, m, sizeof m, ZMQ_DONTWAIT)) >= 0) {
         if (n > 0 && m[0] == 1) {
             o->subscribers++;
-            p->start_due = 0; /* who has just come needs it now, not in a second */
+            p->start_due = 0; /* a new subscriber needs it now, not in a second */
             p->rig_wanted = true;
         } else if (n > 0 && m[0] == 0 && o->subscribers > 0)
             o->subscribers--;
@@ -104,7 +104,7 @@ static pvx_err send_start(struct pvp_pub *p)
     return send_message(p, msg, len);
 }
 
-/* To all, as everything; so not more often than once a second, whoever subscribes how often. */
+/* Sends the rig to all subscribers, so at most once a second, however often clients subscribe. */
 static pvx_err send_rig(struct pvp_pub *p)
 {
     const void *msg;
@@ -121,11 +121,11 @@ static pvx_err send_rig(struct pvp_pub *p)
 static pvx_err set_socket(struct pvp_pub *p, void *socket)
 {
     const int linger = p->lossless ? LINGER_LOSSLESS_MS : LINGER_MS;
-    const int64_t max_in = 4096; /* subscribers send us subscriptions, nothing bigger */
+    const int64_t max_in = 4096; /* subscribers send only subscriptions, nothing larger */
     PVX_TRY(set_int(socket, ZMQ_SNDHWM, p->hwm));
     PVX_TRY(set_int(socket, ZMQ_LINGER, linger));
     PVX_TRY(set_int(socket, ZMQ_TCP_KEEPALIVE, 1));
-    PVX_TRY(set_int(socket, ZMQ_XPUB_VERBOSER, 1)); /* every subscriber's, not only the first */
+    PVX_TRY(set_int(socket, ZMQ_XPUB_VERBOSER, 1)); /* every subscription, not only the first */
     if (zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &max_in, sizeof max_in) != 0)
         return pvx_err_from_errno(errno);
     if (!p->lossless)
@@ -164,8 +164,8 @@ static void close_outlet(struct outlet *o)
     o->subscribers = 0;
 }
 
-/* Somebody may do less than before: all have to come in again.  The port is free some time after its
- * socket was closed, so this is tried until it succeeds. */
+/* After a client lost rights, all have to come in again.  The port is free only some time after its socket was
+ * closed, so this is tried until it succeeds. */
 static void pub_guard_again(struct pvp_pub *p)
 {
     struct outlet *o = &p->out[GUARDED];
@@ -270,7 +270,7 @@ void pvp_pub_free(pvp_pub **pp)
     if (p->ctx != NULL)
         while (zmq_ctx_term(p->ctx) != 0 && errno == EINTR)
             continue;
-    /* Only now is nobody listening any more: the next owner may come. */
+    /* Only now is the endpoint free for its next owner. */
     for (size_t i = 0; p->claims != NULL && i < p->n_claims; i++)
         pvp_ipc_claim_free(&p->claims[i]);
     for (size_t i = 0; p->endpoint != NULL && i < p->n_claims; i++)

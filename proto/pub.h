@@ -1,12 +1,12 @@
-/* pub.h - the publisher: a ZeroMQ XPUB socket (PUB that counts its subscribers), and a second one for
- * endpoints that need keys (auth.h).
+/* pub.h - the publisher: a ZeroMQ XPUB socket (PUB that counts its subscribers), and a second one for endpoints that
+ * need keys (auth.h).
  *
- * PUB drops messages silently for a subscriber that does not read.  So every message carries a sequence
- * number that counts all messages of the session, and clients count gaps.  `start` is repeated every
- * second.  A new subscriber also gets it at once, followed by `rig`, which is sent at most once a second.
- * Sending never blocks.  A subscriber that does not read costs at most send_hwm messages of memory.  The
- * publisher allocates nothing per message (libzmq copies each).
- * Threads: one at a time, also another than its creator. */
+ * PUB drops messages silently for a subscriber that does not read.  So every message carries a sequence number that
+ * counts all messages of the session, and clients count gaps.  `start` is repeated every second.  A new subscriber
+ * also gets it at once, followed by `rig`, which is sent at most once a second.
+ * Sending never blocks.  A subscriber that does not read costs at most send_hwm messages of memory.  The publisher
+ * allocates nothing per message (libzmq copies each).
+ * Threads: one at a time, not necessarily its creator. */
 #ifndef PVP_PUB_H
 #define PVP_PUB_H
 #include "proto/auth.h"
@@ -30,8 +30,8 @@ struct pvp_pub_params {
  * (folder of an ipc:// endpoint), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct pvp_start *start,
                                    pvp_pub **out, struct pvx_diag *d);
-/* As pvp_encode_volume; the session is the start's, whatever v says.  *bytes = size of the message,
- * may be NULL.  Repeats start first when it is due. */
+/* As pvp_encode_volume; the session is that of the start; v's is ignored.  *bytes = size of the
+ * message, may be NULL.  Repeats start first when it is due. */
 PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
                                       const struct pvp_voxels *x, size_t *bytes);
 /* Compression from the next volume on. */
@@ -42,7 +42,7 @@ PVX_MUST_CHECK pvx_err pvp_pub_say(pvp_pub *p, enum pvp_type type, const void *w
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
 /* Subscriptions that were open at the last tick.  All of them have been sent `start`. */
 size_t pvp_pub_subscribers(const pvp_pub *p);
-/* Waits at most a quarter of a second (lossless: a minute) for what is still on its way out. */
+/* Waits at most a quarter of a second (lossless: a minute) for messages that are still being sent. */
 void pvp_pub_free(pvp_pub **p);
 uint64_t pvp_pub_sequence(const pvp_pub *p); /* of the next message */
 #endif

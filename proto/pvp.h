@@ -43,7 +43,7 @@ enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
 /* Header flags.  A reader may ignore unknown flags among the lower 16, but not among the upper 16. */
 #define PVP_FLAG_CLAMPED 1u /* volume in f16: some value was beyond +-65504 and was cut to it */
 
-/* Prefix of a subscription to all messages.  Followed by a type's two bytes: to that type. */
+/* Prefix of a subscription to all messages.  Followed by a type's two bytes: to that type only. */
 #define PVP_SUBSCRIBE_ALL "PVX1"
 
 struct pvp_grid {
@@ -52,11 +52,11 @@ struct pvp_grid {
     uint32_t basis;        /* 0 box, 1 trilinear */
     uint32_t channels;     /* 1 or 3 */
 };
-/* Voxels times channels: the `count` that pvp_volume_unpack wants. */
+/* Voxels times channels: the `count` that pvp_volume_unpack needs. */
 size_t pvp_grid_count(const struct pvp_grid *g);
 /* nb[3]: bricks along x, y, z; returns their product (at most 2^21). */
 uint32_t pvp_grid_bricks(const struct pvp_grid *g, uint32_t nb[3]);
-/* Within the limits of the format. */
+/* Whether the grid is within the limits of the format. */
 bool pvp_grid_valid(const struct pvp_grid *g);
 bool pvp_grid_same(const struct pvp_grid *a, const struct pvp_grid *b);
 
@@ -95,7 +95,7 @@ typedef struct pvp_encoder pvp_encoder;
 PVX_MUST_CHECK pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample,
                                        enum pvp_compress comp, pvp_encoder **out);
 void pvp_encoder_free(pvp_encoder **e);
-/* From the next volume on: every volume says how it is compressed. */
+/* Applies from the next volume on; every volume states its compression. */
 void pvp_encoder_compress(pvp_encoder *e, enum pvp_compress comp);
 struct pvp_voxels {
     uint32_t n;
@@ -112,7 +112,7 @@ PVX_MUST_CHECK pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence,
                                          const void **msg, size_t *len);
 PVX_MUST_CHECK pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence,
                                         const struct pvp_start *s, const void **msg, size_t *len);
-/* JSON text as it is; PVX_ERANGE above PVP_STATUS_MAX.  Carries the session of the last start. */
+/* JSON text, unchanged; PVX_ERANGE above PVP_STATUS_MAX.  Carries the session of the last start. */
 PVX_MUST_CHECK pvx_err pvp_encode_status(pvp_encoder *e, uint64_t sequence, const char *json,
                                          const void **msg, size_t *len);
 PVX_MUST_CHECK pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session,
@@ -121,14 +121,14 @@ PVX_MUST_CHECK pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_
 /* The rig.yaml in effect, as text; PVX_ERANGE above PVP_RIG_MAX. */
 PVX_MUST_CHECK pvx_err pvp_encode_rig(pvp_encoder *e, uint64_t sequence, uint64_t rig_hash,
                                       const char *yaml, const void **msg, size_t *len);
-/* JSON text as it is; PVX_ERANGE above PVP_EVENT_MAX. */
+/* JSON text, unchanged; PVX_ERANGE above PVP_EVENT_MAX. */
 PVX_MUST_CHECK pvx_err pvp_encode_event(pvp_encoder *e, uint64_t sequence, const char *json,
                                         const void **msg, size_t *len);
 /* One camera's picture and silhouette.  The bytes are borrowed, in both directions. */
 struct pvp_preview_camera {
     char name[64];
     bool left_out;          /* present and not believed */
-    uint32_t width, height; /* of the picture; 0 0: none, the camera gave no frame */
+    uint32_t width, height; /* of the picture; 0 0: no picture, since the camera gave no frame */
     const uint8_t *jpeg;    /* [jpeg_len] */
     size_t jpeg_len;        /* 0: no picture */
     uint32_t across, down;  /* bins of the silhouette; 0 0: none */
@@ -137,20 +137,20 @@ struct pvp_preview_camera {
     uint32_t lit, saturated; /* bins */
 };
 struct pvp_preview {
-    uint64_t session, set; /* set: as in the volume that came of it, if one did */
+    uint64_t session, set; /* set: as in the volume made from it, if there is one */
     int64_t t_exposure_ns;
     uint32_t n_cameras; /* of the rig */
     struct pvp_preview_camera camera[PVP_CAMERAS_MAX];
 };
-/* PVX_EINVAL: too many cameras, sizes that do not fit each other; PVX_ERANGE above PVP_PREVIEW_MAX.
- * Carries the session of the last start, whatever p says. */
+/* PVX_EINVAL: too many cameras, sizes that do not fit each other; PVX_ERANGE above
+ * PVP_PREVIEW_MAX.  Carries the session of the last start; p's is ignored. */
 PVX_MUST_CHECK pvx_err pvp_encode_preview(pvp_encoder *e, uint64_t sequence,
                                           const struct pvp_preview *p, const void **msg,
                                           size_t *len);
 
 /* --- decoding --- */
 struct pvp_header {
-    enum pvp_type type;     /* may be one that this version does not know: ignore the message */
+    enum pvp_type type;     /* may be unknown to this version: ignore the message then */
     uint32_t version;       /* major << 16 | minor */
     uint32_t flags;         /* PVP_FLAG_* */
     uint64_t sequence;      /* counts all messages of the session */
@@ -180,8 +180,9 @@ PVX_MUST_CHECK pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp
 typedef struct pvp_decoder pvp_decoder;
 PVX_MUST_CHECK pvx_err pvp_decoder_new(pvp_decoder **out);
 void pvp_decoder_free(pvp_decoder **dec);
-/* dense [nz][ny][nx][channels] out, zeroed first; count must be pvp_grid_count.  Errors: PVX_EINVAL
- * (count), PVX_ECORRUPT (does not decompress to what it says, not finite), PVX_ENOMEM. */
+/* dense [nz][ny][nx][channels] out, zeroed first; count must be pvp_grid_count.  Errors:
+ * PVX_EINVAL (count), PVX_ECORRUPT (does not decompress to the stated size, not finite),
+ * PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *dense,
                                          size_t count, struct pvx_diag *d);
 /* The bricks themselves, as float32 [n_bricks][8][8][8][channels], cells outside the grid 0, and their ids;

@@ -39,7 +39,7 @@ pvx_err pvp_open_body(const void *msg, size_t len, enum pvp_type type, struct pv
     return PVX_OK;
 }
 
-/* The ids ascend and lie inside the grid: then bricks are unique and unpacking stays inside. */
+/* The ids ascend and lie inside the grid: then bricks are unique and unpacking stays in bounds. */
 static pvx_err check_ids(const struct pvp_view *v, uint32_t bricks, struct pvx_diag *d)
 {
     int64_t last = -1;
@@ -158,7 +158,7 @@ pvx_err pvp_volume_payload(pvp_decoder *dec, const struct pvp_view *v, const uin
     return PVX_OK;
 }
 
-/* `n` samples at p to floats; false when one is not finite. */
+/* Converts `n` samples at p to floats; false when one is not finite. */
 static bool load_samples(const uint8_t *p, enum pvp_sample sample, size_t n, float *out)
 {
     uint32_t unfit = 0;
@@ -180,7 +180,7 @@ static pvx_err not_finite(struct pvx_diag *d)
     return pvx_fail(d, PVX_ECORRUPT, "volume message holds a value that is not finite");
 }
 
-/* Cells outside the grid to 0, whatever the message says of them. */
+/* Sets cells outside the grid to 0, whatever the message has there. */
 static void pvp_decode_trim(const struct pvp_grid *g, uint32_t id, float *brick)
 {
     uint32_t nb[3], in[3], c = g->channels;

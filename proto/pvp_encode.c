@@ -21,14 +21,14 @@ pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample, enum p
     e->sample = sample;
     e->comp = comp;
     e->bricks = pvp_grid_bricks(g, e->nb);
-    /* Worst case, every brick active: address space only, memory comes with use. */
+    /* Worst case, every brick active: only address space, memory is taken when used. */
     e->raw_size = (size_t)e->bricks * WIRE_CELLS * g->channels * pvp_sample_size(sample);
     size_t volume = WIRE_VOLUME + 4 * (size_t)e->bricks + e->raw_size;
     e->msg_size = WIRE_HEADER + (volume > PVP_PREVIEW_MAX ? volume : PVP_PREVIEW_MAX);
     e->msg = pvx_reserve(e->msg_size);
     e->marked = pvx_calloc((e->bricks + 63) / 64, sizeof *e->marked);
     e->slot = pvx_calloc(e->bricks, sizeof *e->slot);
-    /* Whatever `comp` is: it may be changed. */
+    /* For any `comp`, since it may be changed later. */
     e->raw = pvx_reserve(e->raw_size);
     e->lz4 = malloc((size_t)LZ4_sizeofState());
     e->zstd = ZSTD_createCCtx();
@@ -73,8 +73,8 @@ void pvp_finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, si
     *len = WIRE_HEADER + h.body;
 }
 
-/* Voxel index -> brick and place in it.  Indices ascend, so the row is kept and the divisions are
- * needed once per row, not once per voxel. */
+/* Voxel index -> brick and place in it.  Indices ascend, so the row is kept, and the divisions
+ * are done once per row, not once per voxel. */
 struct walk {
     uint32_t nx, ny, nbx, nby;
     uint32_t row_begin, row_end; /* indices of the row; empty at first */
@@ -100,7 +100,7 @@ static struct walk walk_start(const struct pvp_encoder *e)
     return (struct walk){.nx = e->grid.n[0], .ny = e->grid.n[1], .nbx = e->nb[0], .nby = e->nb[1]};
 }
 
-/* Marks the bricks of the voxels.  On a bad index the marks are taken back. */
+/* Marks the bricks of the voxels.  On a bad index the marks are cleared. */
 static pvx_err mark_bricks(struct pvp_encoder *e, uint32_t n, const int32_t *index)
 {
     int64_t last = -1;
@@ -118,7 +118,7 @@ static pvx_err mark_bricks(struct pvp_encoder *e, uint32_t n, const int32_t *ind
     return PVX_OK;
 }
 
-/* Brick ids, ascending, and their slots; clears the marks.  Returns how many. */
+/* Writes the brick ids, ascending, and sets their slots; clears the marks.  Returns the number of bricks. */
 static uint32_t put_ids(struct pvp_encoder *e, struct wire *w)
 {
     uint32_t n = 0;
@@ -133,7 +133,7 @@ static uint32_t put_ids(struct pvp_encoder *e, struct wire *w)
     return n;
 }
 
-/* Floats as the message has them, in place: the loops are the vector unit's. */
+/* Converts floats to the message's samples, in place; the loops are vectorised. */
 static pvx_err pvp_encode_convert(enum pvp_sample sample, size_t n, uint32_t *bits, bool *clamped)
 {
     uint32_t cut = 0, unfit = 0;
@@ -148,7 +148,7 @@ static pvx_err pvp_encode_convert(enum pvp_sample sample, size_t n, uint32_t *bi
     return unfit ? PVX_EINVAL : PVX_OK;
 }
 
-/* The voxels' values into zeroed bricks at `p`. */
+/* Puts the voxels' values into zeroed bricks at `p`. */
 static pvx_err put_values(const struct pvp_encoder *e, const struct pvp_voxels *x, uint8_t *p,
                           bool *clamped)
 {
@@ -176,7 +176,7 @@ static pvx_err put_values(const struct pvp_encoder *e, const struct pvp_voxels *
     return PVX_OK;
 }
 
-/* raw -> msg at `dst`.  0 when it would not become smaller (or LZ4 cannot take that much). */
+/* Compresses raw into msg at `dst`.  Returns 0 when it would not become smaller (or LZ4 cannot take that much). */
 static size_t compress(struct pvp_encoder *e, size_t raw_len, uint8_t *dst)
 {
     if (raw_len == 0)

@@ -133,7 +133,7 @@ pvx_err pvp_decode_event(const void *msg, size_t len, const char **json, size_t 
     return decode_json(msg, len, PVP_EVENT, json, json_len, d);
 }
 
-/* What stands before the rig's text; at: of the text, from the body's begin. */
+/* The fields before the rig's text; at: offset of the text from the start of the body. */
 static void rig_fields(struct wire *w, uint64_t *rig_hash, uint32_t *at, uint32_t *size)
 {
     wire_u64(w, rig_hash);

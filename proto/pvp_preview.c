@@ -1,9 +1,9 @@
-/* pvp_preview.c - the message of what the cameras see. */
+/* pvp_preview.c - the message with the cameras' pictures. */
 #include "proto/encoder.h"
 
 enum { HAS_LEFT_OUT = 1 }; /* bits of a camera's flags; others are ignored */
 
-/* Where a camera's bytes are, from the body's begin. */
+/* Offsets of a camera's bytes from the start of the body. */
 struct place {
     uint32_t jpeg_at, jpeg_len, bits_at, bits_len;
 };
@@ -43,7 +43,7 @@ static size_t bits_len(const struct pvp_preview_camera *c)
     return (size_t)c->down * ((c->across + 7) / 8);
 }
 
-/* Sizes fit each other and what the format holds. */
+/* Whether the sizes fit each other and the limits of the format. */
 static bool valid(const struct pvp_preview_camera *c)
 {
     bool picture = c->width > 0 && c->height > 0 && c->width <= PVP_PREVIEW_SIDE &&

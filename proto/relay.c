@@ -6,7 +6,7 @@
 #include "base/mem.h"
 #include "proto/wire.h"
 
-/* Where the fields lie that change (PROTOCOL.md). */
+/* Offsets of the fields that change (PROTOCOL.md). */
 enum { AT_BODY_LENGTH = 40, AT_COMPRESSION = 8, AT_STORED = 240 };
 
 struct pvp_relay {
@@ -35,7 +35,7 @@ void pvp_relay_free(pvp_relay **r)
     PVX_FREE(*r);
 }
 
-/* Bytes stored at `to`, which has room for raw_len. */
+/* Returns the bytes stored at `to`, which has room for raw_len. */
 static size_t relay_pack(const uint8_t *raw, size_t raw_len, uint8_t *to, enum pvp_compress *comp)
 {
     int n = 0;

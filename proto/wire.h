@@ -1,7 +1,7 @@
-/* wire.h - a cursor over little-endian bytes, and the numbers of the layout (private to proto).
+/* wire.h - a cursor over little-endian bytes, and the sizes of the layout (private to proto).
  *
- * Writing trusts its caller to have made room (the encoder's buffer is sized for the largest
- * message).  Reading trusts nothing: past the end it gives zeros and remembers it in `bad`. */
+ * Writing relies on the caller for room (the encoder's buffer is sized for the largest message).  Reading relies
+ * on nothing: past the end it gives zeros and sets `bad`. */
 #ifndef PVP_WIRE_H
 #define PVP_WIRE_H
 #include <stdbool.h>
@@ -45,7 +45,7 @@ static inline uint32_t wire_load32(const uint8_t *p)
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-/* Writes the fields of a message, or reads them.  One function gives their order for both. */
+/* Writes the fields of a message, or reads them.  One function defines their order for both. */
 struct wire {
     uint8_t *out;
     const uint8_t *in; /* [len]; NULL = writes */
@@ -109,8 +109,8 @@ static inline void wire_f64(struct wire *w, double *v)
     wire_u64(w, &u);
     memcpy(v, &u, sizeof u);
 }
-/* `size` bytes: the text, then zeros, at least one.  Read, it ends inside, and nothing in it can move a
- * terminal's cursor. */
+/* `size` bytes: the text, then zeros, at least one.  When read, the text must end inside and have no control
+ * characters. */
 static inline void wire_text(struct wire *w, char *s, size_t size)
 {
     if (w->in == NULL) {

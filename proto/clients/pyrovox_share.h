@@ -1,7 +1,7 @@
 /* pyrovox_share.h - volumes of `pyrovox share NAME`, read in place: NanoVDB grids in POSIX shared memory /NAME.
  *
- * This file alone reads them: C99, C11 and C++, GCC or Clang, Linux, nothing but libc.  The layout is in PROTOCOL.md, Shared
- * memory.
+ * This file alone reads them: C99, C11 and C++, GCC or Clang, Linux, with only libc.  The layout is in PROTOCOL.md,
+ * Shared memory.
  *
  *     struct pvp_share s;
  *     struct pvp_share_volume v;
@@ -12,12 +12,12 @@
  *     }
  *     pvp_share_close(&s);
  *
- * A reader writes nothing and holds nothing, so it cannot stop or slow the writer, and one that is killed leaves nothing.
- * Instead a volume stays as it is until two more have come and the third begins; what was read of it is to be believed only
- * if pvp_share_intact says so afterwards.  A tree half of which was overwritten has offsets that lead anywhere: walk in a
- * copy that was found intact, or in place only where you are done before.
- * Nothing in the segment is trusted beyond the size that the kernel says of it.  Its owner can cut it short, which ends a
- * reader with SIGBUS: `owner` says whose it is.
+ * A reader writes nothing and holds nothing, so it cannot stop or slow the writer, and a killed reader leaves nothing
+ * behind.  A volume stays unchanged until two more have come and the third begins.  Trust the data that you read only
+ * if pvp_share_intact says so afterwards.  A half overwritten tree has offsets that lead anywhere.  So walk a tree in
+ * a copy that was found intact, or in place only if you are done in time.
+ * Nothing in the segment is trusted beyond the size that the kernel reports for it.  Its owner can cut it short,
+ * which ends a reader with SIGBUS: `owner` tells whose it is.
  * Threads: a pvp_share may be read by many at once. */
 #ifndef PYROVOX_SHARE_H
 #define PYROVOX_SHARE_H
@@ -40,7 +40,7 @@ extern "C" {
 #define PVP_SHARE_GRIDS 4   /* at most: density, red, green, blue */
 #define PVP_SHARE_NAME  200 /* bytes of a name, with the 0 */
 
-/* ---- what lies in the segment (host byte order) ------------------------------------------------- */
+/* ---- the contents of the segment (host byte order) ------------------------------------------------- */
 
 struct pvp_share_head { /* 64 bytes, at 0 */
     char magic[8];
@@ -51,12 +51,12 @@ struct pvp_share_head { /* 64 bytes, at 0 */
     uint64_t slot_size;   /* bytes from one slot's grids to the next one's */
     uint64_t
         newest; /* atomic: number of the newest whole volume, 0 none; it is in slot newest % n_slots */
-    uint32_t ended;   /* atomic: 1 nothing more comes here */
+    uint32_t ended;   /* atomic: 1 no more volumes come here */
     uint32_t nanovdb; /* version of the grids: major << 21 | minor << 10 | patch */
     uint32_t writer;  /* its process id, for people */
     uint32_t reserved;
 };
-struct pvp_share_slot { /* 64 bytes, behind the head; all of it atomic */
+struct pvp_share_slot { /* 64 bytes, behind the head; all fields are atomic */
     uint64_t lock;      /* twice the volume's number: whole; an odd number: being written */
     uint64_t set, session;
     int64_t t_exposure_ns, t_publish_ns, t_shared_ns;
@@ -69,13 +69,13 @@ struct pvp_share_slot { /* 64 bytes, behind the head; all of it atomic */
 
 enum pvp_share_result {
     PVP_SHARE_OK,
-    PVP_SHARE_NONE,   /* no volume has come yet */
-    PVP_SHARE_ENDED,  /* the writer has gone or made a new segment: close, and open by name again */
-    PVP_SHARE_ABSENT, /* no such name: nobody shares under it */
-    PVP_SHARE_DENIED, /* another user's, and not for everybody (`--readers`) */
-    PVP_SHARE_FOREIGN, /* not a segment of pyrovox, or a damaged one */
+    PVP_SHARE_NONE,  /* no volume has come yet */
+    PVP_SHARE_ENDED, /* the writer has ended or made a new segment: close, and open by name again */
+    PVP_SHARE_ABSENT,  /* no segment has this name */
+    PVP_SHARE_DENIED,  /* another user's, and not for all users (`--readers`) */
+    PVP_SHARE_FOREIGN, /* not a segment of pyrovox, or damaged */
     PVP_SHARE_LATER,   /* of a later version: needs a newer pyrovox_share.h */
-    PVP_SHARE_SYSTEM   /* the system refused, errno says why */
+    PVP_SHARE_SYSTEM   /* the system refused, with the reason in errno */
 };
 
 struct pvp_share {
@@ -99,7 +99,7 @@ struct pvp_share_volume {
     uint32_t flags;        /* 1: some value was cut to +-65504 on the wire */
     uint64_t set, session; /* PROTOCOL.md, as the three times but the last */
     int64_t t_exposure_ns, t_publish_ns;
-    int64_t t_shared_ns; /* when it was whole here, UTC */
+    int64_t t_shared_ns; /* when it was complete here, UTC */
 };
 
 static inline const char *pvp_share_text(int result)
@@ -117,7 +117,7 @@ static inline const char *pvp_share_text(int result)
     return result >= 0 && result <= PVP_SHARE_SYSTEM ? text[result] : "unknown";
 }
 
-/* The segment that `fd` is open on, which is the reader's from now on, whatever is returned. */
+/* Reads the segment that `fd` is open on.  The reader owns `fd` from now on, whatever is returned. */
 static inline int pvp_share_attach(struct pvp_share *s, int fd)
 {
     const size_t heads =
@@ -164,7 +164,7 @@ static inline int pvp_share_attach(struct pvp_share *s, int fd)
     return result;
 }
 
-/* name: as given to `pyrovox share`, a slash in front or not.  On error s is as closed. */
+/* name: as given to `pyrovox share`, with or without a slash in front.  On error s is closed. */
 static inline int pvp_share_open(struct pvp_share *s, const char *name)
 {
     char path[PVP_SHARE_NAME + 1];
@@ -182,7 +182,7 @@ static inline int pvp_share_open(struct pvp_share *s, const char *name)
                                               : PVP_SHARE_SYSTEM;
 }
 
-/* Closed already is fine. */
+/* May be closed already. */
 static inline void pvp_share_close(struct pvp_share *s)
 {
     if (s->fd >= 0 && s->map != NULL) {
@@ -213,16 +213,16 @@ static inline const struct pvp_share_slot *pvp_share_slot_of(const struct pvp_sh
 #define PVP_SHARE_FENCE(order) __atomic_thread_fence(order)
 #endif
 
-/* The lock once more, behind all that was read before. */
+/* Reads the lock again, after all earlier reads. */
 static inline int pvp_share_unchanged(const struct pvp_share_slot *slot, uint64_t lock)
 {
     PVP_SHARE_FENCE(__ATOMIC_ACQUIRE);
     return __atomic_load_n(&slot->lock, __ATOMIC_RELAXED) == lock;
 }
 
-/* 1: there is a writer, or it cannot be told.  It holds a lock on the segment that the kernel takes back when it ends,
- * however it does: unlike a process id, that is not given to somebody else, and unlike a heartbeat, a writer that is
- * stopped or has nothing to write has it too.  Takes a system call. */
+/* 1: there is a writer, or this is not known.  The writer holds a lock on the segment that the kernel releases
+ * when it ends in any way.  Unlike a process id, the lock does not pass to another process.  Unlike a heartbeat, a
+ * writer that is stopped or has nothing to write still has it.  Takes a system call. */
 static inline int pvp_share_alive(const struct pvp_share *s)
 {
     const struct pvp_share_head *h = (const struct pvp_share_head *)(const void *)s->map;
@@ -234,13 +234,13 @@ static inline int pvp_share_alive(const struct pvp_share *s)
            (fcntl(s->fd, F_GETLK, &l) != 0 || l.l_type != F_UNLCK);
 }
 
-/* The newest volume.  PVP_SHARE_OK; PVP_SHARE_NONE; PVP_SHARE_ENDED: v is the last one there will be, its number 0 if
- * there was none; PVP_SHARE_FOREIGN: damaged.  Never waits: for a newer volume ask again, with each frame that is
- * drawn or each few ms. */
+/* The newest volume.  PVP_SHARE_OK; PVP_SHARE_NONE; PVP_SHARE_ENDED: v is the last volume, its number 0 if there
+ * was none; PVP_SHARE_FOREIGN: damaged.  Never waits: to get a newer volume call it again, with each drawn frame
+ * or every few ms. */
 static inline int pvp_share_newest(const struct pvp_share *s, struct pvp_share_volume *v)
 {
     const struct pvp_share_head *h = (const struct pvp_share_head *)(const void *)s->map;
-    const int alive = pvp_share_alive(s); /* first: what comes before the end is seen */
+    const int alive = pvp_share_alive(s); /* first, so that a volume before the end is seen */
     int k;
     memset(v, 0, sizeof *v);
     for (k = 0; k < 16 && v->number == 0; k++) { /* again: it was overwritten at that moment */
@@ -273,14 +273,14 @@ static inline int pvp_share_newest(const struct pvp_share *s, struct pvp_share_v
     return !alive ? PVP_SHARE_ENDED : v->number != 0 ? PVP_SHARE_OK : PVP_SHARE_NONE;
 }
 
-/* 1: nothing of the volume was overwritten until now.  What was read of it before may be used. */
+/* 1: no part of the volume was overwritten until now.  Data that was read from it before may be used. */
 static inline int pvp_share_intact(const struct pvp_share *s, const struct pvp_share_volume *v)
 {
     return v->number != 0 && pvp_share_unchanged(pvp_share_slot_of(s, v->number), 2 * v->number);
 }
 
-/* The volume's grids to `to`, v->size bytes, aligned to 32.  1: v->grids are the copy from now on, nobody writes there; 0: it
- * was overwritten meanwhile, ask for the newest. */
+/* Copies the volume's grids to `to`, v->size bytes, aligned to 32.  1: v->grids are the copy from now on, which is
+ * not overwritten; 0: the volume was overwritten meanwhile, ask for the newest. */
 static inline int pvp_share_copy(const struct pvp_share *s, struct pvp_share_volume *v, void *to)
 {
     memcpy(to, v->grids, v->size);
@@ -290,8 +290,8 @@ static inline int pvp_share_copy(const struct pvp_share *s, struct pvp_share_vol
     return 1;
 }
 
-/* The grid of that name ("density", "emission", with --split "red", "green", "blue") and its bytes; NULL: there is none, or
- * it was overwritten.  Only its size and name have been looked at. */
+/* The grid of that name ("density", "emission", with --split "red", "green", "blue") and its bytes; NULL: there is
+ * none, or it was overwritten.  Only its size and name are checked. */
 static inline const void *pvp_share_grid(const struct pvp_share_volume *v, const char *name,
                                          size_t *size)
 {

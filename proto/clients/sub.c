@@ -20,8 +20,8 @@ struct pvp_sub {
     pvp_door *door;
     char *endpoint;
     bool has_key;
-    zmq_msg_t msg;  /* the last message; what pvp_sub_next lends */
-    zmq_msg_t late; /* one that came behind the volume that was lent last, and is next */
+    zmq_msg_t msg;  /* the last message, which pvp_sub_next lends */
+    zmq_msg_t late; /* the message behind the volume that was lent last; it comes next */
     bool newest, have_late;
     char *rig; /* NULL: none yet */
     uint64_t rig_hash;
@@ -38,7 +38,7 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, const cha
     s->ctx = zmq_ctx_new();
     s->socket = s->ctx != NULL ? zmq_socket(s->ctx, ZMQ_SUB) : NULL;
     const int hwm = RECEIVE_HWM, linger = 0, ivl = RECONNECT_MS, ivl_max = RECONNECT_MAX_MS;
-    /* Uncompressed bricks that reach over the grid's sides, and their ids. */
+    /* Room for uncompressed bricks that extend beyond the grid's sides, and for their ids. */
     const int64_t message = 2 * (int64_t)s->memory + (int64_t)PVP_STATUS_MAX;
     if (s->socket == NULL || zmq_setsockopt(s->socket, ZMQ_RCVHWM, &hwm, sizeof hwm) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_MAXMSGSIZE, &message, sizeof message) != 0 ||
@@ -129,7 +129,7 @@ static pvx_err sub_receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until,
     }
 }
 
-/* Sequence and session of a good header; false for a repetition. */
+/* Updates sequence and session from a valid header; false for a repetition. */
 static bool sub_count(struct pvp_sub *s, const struct pvp_header *h)
 {
     if (!s->in_session || h->session != s->session) {
@@ -182,7 +182,7 @@ static bool keep_rig(struct pvp_sub *s, const void *msg, size_t len)
     return true;
 }
 
-/* *mine: is this one for the caller? */
+/* *mine: whether the message is for the caller. */
 static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len,
                         bool *mine, struct pvx_diag *d)
 {
@@ -206,14 +206,14 @@ static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const voi
     default:
         e = pvp_check(h->type, msg, len);
         *mine = e == PVX_OK;
-        readable = e == PVX_OK || e == PVX_EUNSUP; /* a type of a later minor version */
+        readable = e == PVX_OK || e == PVX_EUNSUP; /* EUNSUP: a type of a later minor version */
     }
     s->stats.malformed += !readable;
     return PVX_OK;
 }
 
-/* What has come behind the volume in s->msg is another volume; anything else waits in s->late for its turn, and
- * for that call the volume is the newest. */
+/* Whether another volume has come behind the one in s->msg.  Any message that has come waits in s->late for its
+ * turn; if it is not a volume, the one in s->msg is the newest for this call. */
 static bool passed_over(struct pvp_sub *s)
 {
     struct pvp_header h;
@@ -244,7 +244,7 @@ pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const
         }
         if (mine)
             return PVX_OK;
-        /* Nothing but messages that are of no use must not hold the caller for ever. */
+        /* A stream of useless messages must not hold the caller for ever. */
         if (timeout_ns >= 0 && pvx_now_mono() >= until)
             return PVX_ETIMEDOUT;
     }

@@ -15,26 +15,26 @@ typedef struct pvp_sub pvp_sub;
 struct pvp_sub_options {
     size_t memory; /* bytes that a volume as floats may need, and half of what a message may be;
                     * 0: PVP_SUB_MEMORY */
-    bool newest;   /* of volumes one behind the other only the last comes out; all else does */
+    bool newest;   /* of consecutive volumes only the last is returned; other messages all are */
     const char
         *key; /* a .key file of `pyrovox keygen`, for a daemon that asks for one; NULL: none */
 };
 struct pvp_sub_stats {
     uint64_t received;  /* well-formed messages, unknown types included */
     uint64_t lost;      /* missing in the sequence, since the first message of each session */
-    uint64_t malformed; /* not decodable: not ours, damaged, of a later major version, or a volume
-                         * of another grid than its session's start */
+    uint64_t malformed; /* not decodable: foreign, damaged, of a later major version, or a volume
+                         * with another grid than its session's start */
     uint64_t sessions;  /* runs of the daemon seen */
-    uint64_t skipped;   /* volumes that came, but a newer one was there (newest) */
+    uint64_t skipped;   /* volumes passed over because a newer one was there (newest) */
 };
-/* NULL options are all defaults.  PVX_EINVAL: not an endpoint.  PVX_ENOENT, PVX_EPERM, PVX_EFORMAT: the key. */
+/* NULL options: all defaults.  PVX_EINVAL: not an endpoint.  PVX_ENOENT, PVX_EPERM, PVX_EFORMAT: the key. */
 PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o,
                                    pvp_sub **out, struct pvx_diag *d);
 /* Next message of a known type; the bytes are borrowed until the next call.  start, status, rig, event, preview and
- * end always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
- * A volume that comes out has the start's grid: what pvp_grid_count says of that is enough for all.
- * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran.  PVX_ERANGE: the daemon's volumes need
- * more than the options allow; its next session may not.  PVX_EPERM: the daemon refused this client, d has the
+ * end are always returned, volumes once the session's start was seen.  timeout_ns < 0: for ever.
+ * A returned volume has the start's grid, so pvp_grid_count of that is enough for all.
+ * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran.  PVX_ERANGE: the daemon's volumes need more memory
+ * than the options allow; those of its next session may not.  PVX_EPERM: the daemon refused this client, d has the
  * reason: no key, an unlisted key, another daemon's key.  This is returned once each time, and further calls wait. */
 PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h,
                                     const void **msg, size_t *len, struct pvx_diag *d);
