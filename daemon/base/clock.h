@@ -12,9 +12,9 @@
 
 int64_t pvx_now_mono(void);
 int64_t pvx_now_real(void);
-/* Both at one instant (to some us even when the thread is interrupted in between). */
+/* Both clocks at one instant (to some us, even if the thread is interrupted in between). */
 void pvx_now_both(int64_t *real_ns, int64_t *mono_ns);
-/* Sleep until `mono_ns` of the mono clock; returns early never, at once when it has passed. */
+/* Sleep until `mono_ns` of the mono clock.  Never returns early; returns at once if that time has passed. */
 void pvx_sleep_until_mono(int64_t mono_ns);
 /* A condition whose timed waits are by `clock`. */
 void pvx_cond_init(pthread_cond_t *cond, clockid_t clock);

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-static _Atomic int chosen = -1; /* nobody has asked */
+static _Atomic int chosen = -1; /* not chosen yet */
 
 const char *pvx_cpu_name(enum pvx_cpu level)
 {
@@ -54,6 +54,6 @@ unsigned pvx_cpu_count(void)
     cpu_set_t mine;
     if (sched_getaffinity(0, sizeof mine, &mine) == 0)
         return (unsigned)CPU_COUNT(&mine);
-    long n = sysconf(_SC_NPROCESSORS_ONLN); /* more than fit into the set */
+    long n = sysconf(_SC_NPROCESSORS_ONLN); /* more processors than fit into the set */
     return n < 1 ? 1 : (unsigned)n;
 }

@@ -1,9 +1,8 @@
 /* cpu.h - the instruction sets that the inner loops may use.
  *
- * A table of loops is filled for a level: first every slot with the reference in plain C, then each
- * instruction set up to the level overwrites the slots that it has.  A slot without a faster loop stays
- * the reference.
- * Threads: any may call; pvx_cpu_use belongs to the program's start. */
+ * A table of loops is filled for a level: first every slot with the reference in plain C, then each instruction set
+ * up to the level overwrites the slots for which it has a loop.  A slot without a faster loop stays the reference.
+ * Threads: any; pvx_cpu_use only at the program's start. */
 #ifndef PVX_CPU_H
 #define PVX_CPU_H
 #include "base/err.h"
@@ -26,6 +25,7 @@ PVX_MUST_CHECK pvx_err pvx_cpu_use(const char *name, struct pvx_diag *d);
 /* The level to use.  Without a call of pvx_cpu_use, a valid PYROVOX_CPU counts. */
 enum pvx_cpu pvx_cpu(void);
 
-/* Processors that the calling thread may run on, at least one: what taskset, mpirun, Slurm or CPUAffinity= leave it. */
+/* Number of processors that the calling thread may run on, at least one.  taskset, mpirun, Slurm or CPUAffinity=
+ * may limit it. */
 unsigned pvx_cpu_count(void);
 #endif

@@ -71,7 +71,7 @@ pvx_err(pvx_fail)(struct pvx_diag *d, pvx_err e, const char *fmt, ...)
     va_start(ap, fmt);
     vsnprintf(d->text, sizeof d->text, fmt, ap);
     va_end(ap);
-    /* quoted input may hold line breaks: the text stays one line, and no log line can be forged */
+    /* quoted input may have line breaks: keep the text one line, so that no log line can be forged */
     for (char *p = d->text; *p != '\0'; p++)
         if ((unsigned char)*p < ' ' || *p == 0x7f)
             *p = ' ';

@@ -16,7 +16,7 @@ extern "C" {
 typedef enum pvx_err {
     PVX_OK = 0,
     PVX_EINVAL,    /* an argument or a configured value is outside its documented range */
-    PVX_ENOMEM,    /* memory could not be had */
+    PVX_ENOMEM,    /* out of memory */
     PVX_EIO,       /* read, write or device failed */
     PVX_ENOENT,    /* no such file, camera, key */
     PVX_EFORMAT,   /* input is not in the format it should be in */
@@ -38,7 +38,7 @@ typedef enum pvx_err {
 /* Short English text of `e`, static storage, never NULL. */
 const char *pvx_strerror(pvx_err e);
 
-/* pvx_err that fits an errno value; PVX_EIO where nothing fits better. */
+/* The pvx_err that fits an errno value; PVX_EIO if no other fits. */
 pvx_err pvx_err_from_errno(int errnum);
 
 /* Return from the calling function when `expr` is not PVX_OK. */
@@ -51,13 +51,13 @@ pvx_err pvx_err_from_errno(int errnum);
 
 #define PVX_DIAG_MAX 768
 struct pvx_diag {
-    char text[PVX_DIAG_MAX]; /* one line, no newline, "" when nothing was said */
+    char text[PVX_DIAG_MAX]; /* one line, no newline, "" when there is no text */
 };
 
 /* Set the text (first cause wins: a diag that already has text is left alone) and return `e`.
  * `d` may be NULL. */
 pvx_err pvx_fail(struct pvx_diag *d, pvx_err e, const char *fmt, ...) PVX_PRINTF(3, 4);
-#ifdef __clang_analyzer__ /* reads one file at a time: what is returned must stand here */
+#ifdef __clang_analyzer__ /* reads one file at a time, so the returned value must stand here */
 #define pvx_fail(d, e, ...) (pvx_fail(d, e, __VA_ARGS__), (e))
 #endif
 

@@ -29,7 +29,7 @@ pvx_err pvx_file_sync(const char *path, struct pvx_diag *d)
     return e;
 }
 
-/* Looked at before it is opened: that alone would wait for a pipe's writer, and does something to some devices. */
+/* Checks before opening: opening alone would wait for a pipe's writer, and has an effect on some devices. */
 static pvx_err file_may_read(const char *path, bool named_pipe, struct pvx_diag *d)
 {
     struct stat st;

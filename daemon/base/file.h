@@ -8,12 +8,13 @@
 #include <stddef.h>
 #include "base/err.h"
 
-/* Whether it may be read, for libraries that open by name themselves.  Errors: PVX_EFORMAT, PVX_ENOENT, PVX_EPERM. */
+/* Checks that `path` may be read, for libraries that open files by name themselves.  Errors: PVX_EFORMAT,
+ * PVX_ENOENT, PVX_EPERM. */
 PVX_MUST_CHECK pvx_err pvx_file_check(const char *path, struct pvx_diag *d);
-/* The same, and opened: *fd is the caller's to close; -1 on error. */
+/* The same, and opens it: the caller closes *fd; -1 on error. */
 PVX_MUST_CHECK pvx_err pvx_file_open(const char *path, int *fd, struct pvx_diag *d);
 
-/* Read all of `path` (at most `max` bytes) into a fresh buffer with a 0 byte after the end.
+/* Read all of `path` (at most `max` bytes) into a new buffer with a 0 byte after the end.
  * Owner: caller, free().  Errors: those of pvx_file_check, PVX_EIO, PVX_ERANGE (too large). */
 PVX_MUST_CHECK pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len,
                                      struct pvx_diag *d);
@@ -35,7 +36,7 @@ PVX_MUST_CHECK pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d);
 /* `path` with `more` before its ending: "a/b.h5", "-0002": "a/b-0002.h5".  PVX_ERANGE: no room. */
 PVX_MUST_CHECK pvx_err pvx_path_more(const char *path, const char *more, char *out, size_t size);
 
-/* Directory the running executable lies in ("/usr/bin"), no trailing slash. */
+/* Directory of the running executable ("/usr/bin"), no trailing slash. */
 PVX_MUST_CHECK pvx_err pvx_exe_dir(char *out, size_t size);
 
 #endif

@@ -81,7 +81,7 @@ static void out(enum pvx_log_level level, const struct pvx_about *about, const c
                      tm.tm_sec, ts.tv_nsec / 1000000, level_names[level], text);
     }
     ssize_t w = write(STDERR_FILENO, line, (size_t)n);
-    (void)w; /* nothing to be done when stderr is gone */
+    (void)w; /* nothing can be done if stderr is closed */
 }
 
 PVX_PRINTF(3, 0)
@@ -121,7 +121,7 @@ void pvx_log_line(enum pvx_log_level level, enum pvx_log_topic topic, const stru
 #define FREE_LINES 8
 #define SPACE_MAX  (3600 * PVX_NS_PER_S)
 
-/* How long after the n-th line the next may come. */
+/* Least time from the n-th line to the next. */
 static int64_t space(uint32_t n, int64_t least)
 {
     if (n < FREE_LINES)
@@ -129,7 +129,7 @@ static int64_t space(uint32_t n, int64_t least)
     return n - FREE_LINES < 12 ? PVX_NS_PER_S << (n - FREE_LINES) : SPACE_MAX;
 }
 
-/* Who moves next_ns on, which only one can, has the rest of it for himself. */
+/* Only one thread can advance next_ns; only that thread then writes `passed`. */
 static bool log_pass(struct pvx_log_gate *g, int64_t now, int64_t least)
 {
     int64_t next = __atomic_load_n(&g->next_ns, __ATOMIC_RELAXED);
@@ -156,7 +156,7 @@ bool pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held)
     return true;
 }
 
-/* One cause of one camera, and the last that was said of it and kept back. */
+/* One cause of one camera, with its last suppressed line. */
 struct kept {
     char cause[32], camera[64];
     struct pvx_log_gate gate;
@@ -171,8 +171,8 @@ static const char *or_empty(const char *s)
     return s != NULL ? s : "";
 }
 
-/* Its own place, else a free one, else that of who has been quiet for longest and has nothing to say; where all have,
- * it shares the first. */
+/* The place of a cause and camera: its own, else a free one, else that of the longest quiet cause without a
+ * suppressed line.  If all have one, it shares the first. */
 static struct kept *log_place(const struct pvx_about *a)
 {
     struct kept *best = NULL;
@@ -228,14 +228,14 @@ void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
         out(level, about, text);
 }
 
-/* Takes what is due out of k. */
+/* Takes the suppressed line out of k if it is due. */
 static bool log_take(struct kept *k, bool all, struct kept *due)
 {
     int64_t now = atomic_load(&current_clock)(), last = k->gate.last_ns;
     if (k->gate.held == 0 || (!all && now < k->gate.next_ns))
         return false;
     (void)log_pass(&k->gate, now, 0);
-    k->gate.last_ns = last; /* it is said again, it did not happen again */
+    k->gate.last_ns = last; /* the line is repeated; the event did not happen again */
     *due = *k;
     k->gate.held = 0;
     return true;
@@ -248,7 +248,7 @@ void pvx_log_flush(bool all)
         pthread_mutex_lock(&kept_lock);
         bool is = log_take(&kept[i], all, &due);
         pthread_mutex_unlock(&kept_lock);
-        if (is) /* one of them is shown */
+        if (is) /* one of the suppressed lines is shown */
             out_counted(due.level, ABOUT(.cause = due.cause, .camera = due.camera), due.text,
                         due.gate.held - 1);
     }

@@ -19,7 +19,7 @@ enum pvx_log_topic { TOPIC_DAEMON, TOPIC_CAPTURE, TOPIC_RECON, TOPIC_PROTO, TOPI
 /* Messages above `level` are dropped.  Live; default INFO. */
 void pvx_log_set_level(enum pvx_log_level level);
 enum pvx_log_level pvx_log_get_level(void);
-int pvx_log_syslog(enum pvx_log_level level); /* syslog(3)'s priority */
+int pvx_log_syslog(enum pvx_log_level level); /* priority of syslog(3) */
 /* "error" "warn" "info" "debug"; PVX_EINVAL otherwise. */
 PVX_MUST_CHECK pvx_err pvx_log_level_parse(const char *name, enum pvx_log_level *out);
 
@@ -30,34 +30,35 @@ void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const char *fmt
 struct pvx_about {
     const char *cause;  /* a word: "lost_camera" */
     const char *camera; /* its name in the rig */
-    bool of_set;        /* `set` says which */
+    bool of_set;        /* `set` is the number */
     uint64_t set;
 };
 
-/* Lines of one cause and camera are limited together.  Begin and end of a trouble are one cause.  The last line is
- * always written in the end (pvx_log_flush). */
+/* Lines of one cause and camera are limited together.  Begin and end of a trouble have the same cause.  The last
+ * line is always written at some time (pvx_log_flush). */
 void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
                    const struct pvx_about *about, const char *fmt, ...) PVX_PRINTF(4, 5);
-/* Write the suppressed lines of LOG_ABOUT that are due.  Call it now and then.  `all`: at the end, also those not due. */
+/* Write the suppressed lines of LOG_ABOUT that are due.  Call it regularly.  `all`: at the end of the program,
+ * also those not due. */
 void pvx_log_flush(bool all);
 
 /* Where lines go instead of stderr: text begins with "topic: " and has no newline at its end; `about` may be NULL.
- * Any thread.  Returns whether it took the line, which else goes to stderr.  NULL: stderr. */
+ * Any thread.  Returns whether it took the line; otherwise the line goes to stderr.  NULL: stderr. */
 typedef bool pvx_log_sink(enum pvx_log_level level, const struct pvx_about *about,
                           const char *text);
 void pvx_log_set_sink(pvx_log_sink *sink);
-/* Of the bounds, CLOCK_MONOTONIC in ns; for tests.  NULL: pvx_now_mono. */
+/* Sets the clock of the limits, CLOCK_MONOTONIC in ns; for tests.  NULL: pvx_now_mono. */
 void pvx_log_set_clock(int64_t (*now)(void));
 
-/* The bound of one place: returns true if the message may go out now, and then gives in *held how
- * many were kept back since the last one. */
+/* The limit of one place: returns true if the message may be written now; then *held is the
+ * number suppressed since the last one. */
 struct pvx_log_gate {
     int64_t next_ns, last_ns;
     uint64_t held;
-    uint32_t passed; /* since it began anew */
+    uint32_t passed; /* lines since the last reset */
 };
 bool pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held);
-/* One line of what LOG_EVERY let through. */
+/* Writes one line that LOG_EVERY let through. */
 void pvx_log_line(enum pvx_log_level level, enum pvx_log_topic topic, const struct pvx_about *about,
                   const char *fmt, ...) PVX_PRINTF(4, 5);
 

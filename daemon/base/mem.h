@@ -1,8 +1,8 @@
 /* mem.h - aligned, checked and reserved memory.
  *
  * pvx_calloc: zeroed, 64-byte aligned (a cache line and an AVX-512 vector), free with free().
- * pvx_reserve: address space that costs memory only where it is touched, for work areas whose
- * worst case (every pixel lit) is far above the usual case; zero-filled; the frame path can then
+ * pvx_reserve: zero-filled address space that costs memory only where it is touched.  It is for
+ * work areas whose worst case (every pixel lit) is far above the usual case.  The frame path can
  * grow into it without allocating. */
 #ifndef PVX_MEM_H
 #define PVX_MEM_H

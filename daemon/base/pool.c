@@ -10,12 +10,12 @@
 #include "base/cpu.h"
 #include "base/mem.h"
 
-/* A loop lives on its caller's stack and hangs in the pool's list while it has tasks to hand out.
- * `users` counts workers inside it (under the lock), so the caller leaves only when nobody looks.
+/* A loop lives on its caller's stack and is in the pool's list while it has tasks to hand out.  `users` counts the
+ * workers inside it (under the lock), so that the caller leaves only when there are none.
  *
- * Its tasks are cut into as many parts as there are threads; a thread begins with its own part and
- * then helps the others.  Loop after loop over the same arrays, a thread thus meets the same pieces
- * of them, and as every other loop goes backwards it begins with what its cache saw last. */
+ * Its tasks are cut into as many parts as there are threads, at most PARTS.  A thread begins with its own part and
+ * then helps the others.  So in successive loops over the same arrays a thread gets the same pieces.  Every other
+ * loop goes backwards, and so begins with the data that the thread's cache saw last. */
 #define PARTS 8
 struct part {
     _Alignas(64) atomic_size_t claimed;
@@ -34,7 +34,7 @@ struct loop {
 struct pvx_pool {
     pthread_mutex_t lock;
     pthread_cond_t work; /* list became non-empty, or stop */
-    pthread_cond_t idle; /* some loop's users dropped to 0 */
+    pthread_cond_t idle; /* the users of some loop dropped to 0 */
     struct loop *list;
     int stop;
     unsigned n_threads; /* workers started */
@@ -47,7 +47,7 @@ struct pvx_pool {
     } * worker;
 };
 
-/* Tasks for thread `me`; all parts are handed out when it returns. */
+/* Runs tasks on thread `me`; all tasks are handed out when it returns. */
 static void pool_drain(struct loop *l, unsigned me)
 {
     for (unsigned k = 0; k < l->parts; k++) {
@@ -67,9 +67,9 @@ static void unlink_loop(pvx_pool *p, struct loop *l)
         }
 }
 
-/* Loops of one solve follow each other within microseconds, but waking a thread costs some tens.  So
- * a worker that has just worked looks for the next loop a little before it sleeps, and a caller for
- * the end of its last task. */
+/* Loops of one solve follow each other within microseconds, but waking a thread takes some tens.  So a worker that
+ * has just worked spins for a short time, waiting for the next loop, before it sleeps.  A caller spins for the end
+ * of its last task in the same way. */
 #define SPIN_NS 30000
 static bool has_work(const void *pool)
 {

@@ -1,9 +1,9 @@
 /* pool.h - fixed pool of worker threads for data-parallel loops.
  *
- * Several callers (pipeline stages) may run loops at the same time; each caller works on its own
- * loop too, so a pool of T threads in all keeps T cores busy and a pool of 1 starts no thread.
- * The split of the work into tasks is the caller's and must not depend on the number of threads:
- * then neither do the results. */
+ * Several callers (pipeline stages) may run loops at the same time.  Each caller works on its own loop too, so a pool
+ * of T threads in all keeps T cores busy, and a pool of 1 starts no thread.
+ * The caller splits the work into tasks.  The split must not depend on the number of threads, so that the results
+ * do not depend on it either. */
 #ifndef PVX_POOL_H
 #define PVX_POOL_H
 #include <stddef.h>
@@ -23,7 +23,7 @@ void pvx_pool_free(pvx_pool **p);
 unsigned pvx_pool_threads(const pvx_pool *p);
 
 /* fn(ctx, 0..n-1), in any order and on any thread; returns when all are done.  `p` may be NULL:
- * then serial on the caller.  Allocates nothing.  Not from inside a task. */
+ * then serial on the caller.  Allocates nothing.  Do not call it from inside a task. */
 void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx);
 
 #ifdef __cplusplus

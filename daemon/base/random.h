@@ -1,6 +1,6 @@
 /* random.h - repeatable random numbers for simulated cameras, tests and benches: xorshift64* (Vigna
  * 2016, "An experimental exploration of Marsaglia's xorshift generators, scrambled").
- * Threads: the state is the caller's.  *state must not be 0 at the start: it would stay so. */
+ * Threads: the state is the caller's.  *state must not be 0 at the start, since it would stay 0. */
 #ifndef PVX_RANDOM_H
 #define PVX_RANDOM_H
 #include <stdint.h>
@@ -13,7 +13,7 @@ static inline uint64_t pvx_random(uint64_t *state)
     return *state * 0x2545F4914F6CDD1Du;
 }
 
-/* A number of its own for each z: the finaliser of splitmix64 (Steele, Lea, Flood 2014). */
+/* A different number for each z: the finaliser of splitmix64 (Steele, Lea, Flood 2014). */
 static inline uint64_t pvx_mix(uint64_t z)
 {
     z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;

@@ -7,7 +7,7 @@
 
 struct pvx_ring {
     size_t cap;
-    _Alignas(PVX_ALIGN) atomic_size_t head; /* on lines of their own */
+    _Alignas(PVX_ALIGN) atomic_size_t head; /* each on a cache line of its own */
     _Alignas(PVX_ALIGN) atomic_size_t tail;
     _Alignas(PVX_ALIGN) void *_Atomic item[];
 };
@@ -30,7 +30,7 @@ void pvx_ring_free(pvx_ring **r)
     PVX_FREE(*r);
 }
 
-/* The item at `head`, unless somebody was faster. */
+/* The item at `head`; NULL: another thread was faster. */
 static void *pop_at(pvx_ring *r, size_t head)
 {
     void *item = atomic_load_explicit(&r->item[head % r->cap], memory_order_relaxed);

@@ -1,13 +1,13 @@
-/* ring.h - bounded hand-over of pointers from one thread to another, without a lock: the producer never
- * waits, also where the consumer has been interrupted in the middle of a pop.
+/* ring.h - bounded hand-over of pointers from one thread to another, without a lock.  The producer never waits, even
+ * if the consumer was interrupted in the middle of a pop.
  *
- *     tail    written by the producer; released after the slot is filled, so who sees it sees the slot
- *     head    moved by compare-exchange, by whoever takes the oldest: the consumer, or the producer that
- *             needs its place.  The exchange acquires and releases: the slot was read before its place
- *             can be seen to be free.
- * Both only grow, so a head that is still the same means the same item.
- * Live: pvx_ring_push drops the OLDEST when full and gives it back, so that the caller frees and counts
- * it.  Lossless: pvx_ring_put says that it is full.
+ *     tail    written by the producer; released after the slot is filled, so a reader of it also sees the slot
+ *     head    moved by compare-exchange by the thread that takes the oldest item: the consumer, or the producer
+ *             that needs its place.  The exchange acquires and releases: the slot was read before its place is
+ *             seen to be free.
+ * Both only grow, so an unchanged head means the same item.
+ * Live: pvx_ring_push drops the OLDEST item when full and returns it, so that the caller frees and counts it.
+ * Lossless: pvx_ring_put returns false when full.
  * Invariant (tested): pushed == popped + displaced + still inside.
  * Threads: push and put from one at a time, pop and length from any.  Allocates nothing after new. */
 #ifndef PVX_RING_H
@@ -22,13 +22,13 @@ typedef struct pvx_ring pvx_ring;
 PVX_MUST_CHECK pvx_err pvx_ring_new(size_t capacity, pvx_ring **out);
 /* Items still inside are not freed: drain first. */
 void pvx_ring_free(pvx_ring **r);
-/* The item (not NULL) that had to go for this one, or NULL. */
+/* Adds `item` (not NULL).  Returns the item that was dropped for it, or NULL. */
 void *pvx_ring_push(pvx_ring *r, void *item);
-/* False: full, the item stays with the caller. */
+/* Adds `item`.  False: full, the item stays with the caller. */
 bool pvx_ring_put(pvx_ring *r, void *item);
-/* The oldest, or NULL. */
+/* Removes and returns the oldest item, or NULL. */
 void *pvx_ring_pop(pvx_ring *r);
-/* At some moment of the call. */
+/* The number of items at some moment of the call. */
 size_t pvx_ring_length(const pvx_ring *r);
 
 #endif

@@ -3,9 +3,9 @@
 #define PVX_SPAWN_H
 #include <sys/types.h>
 
-/* argv[0] is found by PATH where it has no slash.  in is its standard input, out what it writes and complains
- * to; no other handle of ours is open there, no signal blocked or ignored, and it is a process group of its own,
- * so that a terminal's Ctrl-C does not reach it.  0 or errno; the caller waits for *pid. */
+/* argv[0] is searched in PATH if it has no slash.  in: its standard input; out: its standard output and standard
+ * error.  The program has no other open handle of ours, and no signal blocked or ignored.  It is a process group
+ * of its own, so that a terminal's Ctrl-C does not reach it.  Returns 0 or errno; the caller waits for *pid. */
 int pvx_spawn(const char *const argv[], int in, int out, pid_t *pid);
 
 #endif

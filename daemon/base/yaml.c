@@ -33,8 +33,8 @@ static pvx_err invalid(const yaml_parser_t *p, const char *name, struct pvx_diag
                     why, colon ? "; a value that ends in a colon needs quotes, as \"sim:\"" : "");
 }
 
-/* Aliases would make a graph of the tree and cycles possible: they are refused by a scan of the
- * events before the document is composed, together with over-deep nesting. */
+/* Aliases would turn the tree into a graph with possible cycles.  A scan of the events refuses
+ * them, and too deep nesting, before the document is composed. */
 static pvx_err scan_events(const char *text, size_t len, const char *name, struct pvx_diag *d)
 {
     yaml_parser_t p;

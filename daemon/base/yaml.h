@@ -13,7 +13,7 @@
 typedef struct pvx_yaml pvx_yaml;
 enum pvx_yaml_kind { PVX_YAML_NONE, PVX_YAML_SCALAR, PVX_YAML_SEQ, PVX_YAML_MAP };
 
-/* Parse one document; `name` is what messages call the file.  Input above 4 MiB, more than 64
+/* Parse one document; `name`: name of the file in messages.  Input above 4 MiB, more than 64
  * levels deep or with aliases is refused.  Errors: PVX_EFORMAT (diag filled), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvx_yaml_parse(const char *text, size_t len, const char *name,
                                       pvx_yaml **out, struct pvx_diag *d);
@@ -30,7 +30,7 @@ int pvx_yaml_get(const pvx_yaml *y, int map, const char *key); /* 0 when absent 
 const char *pvx_yaml_key(const pvx_yaml *y, int map, size_t i);
 int pvx_yaml_value(const pvx_yaml *y, int map, size_t i);
 
-/* "name:line: key: text", returns e.  `key` is a path for people, as "cameras[2].K". */
+/* Sets the text "name:line: key: text", returns e.  `key` is a readable path, as "cameras[2].K". */
 pvx_err pvx_yaml_fail(const pvx_yaml *y, int node, const char *key, pvx_err e, struct pvx_diag *d,
                       const char *fmt, ...) PVX_PRINTF(6, 7);
 #ifdef __clang_analyzer__ /* as pvx_fail in err.h */
