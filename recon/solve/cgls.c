@@ -6,10 +6,10 @@
  *     beta = ||S^T r_new||^2 / ||S^T r||^2,  d = S^T r_new + beta d                        (1)
  * Source: I. Ihrke, M. Magnor, Image-Based Tomographic Reconstruction of Flames, Eurographics/ACM
  * SIGGRAPH Symposium on Computer Animation 2004, sec. 4.3; CGLS after P. C. Hansen, SIAM 1998.
- * Clipping a_k leaves r_k and d_k to their recursions, so r_k is no longer p - S a_k and the
+ * Clipping a_k does not change the recursions of r_k and d_k.  So r_k is no longer p - S a_k, and the
  * iteration diverges for large k: the stop at the corner of the L-curve is part of the method.  The
- * residual norm that stops it is that of the recursion.  Starts at 0 always: with another start (1)
- * would be another method.  Every channel has its own alpha and beta.
+ * residual norm that stops it is that of the recursion.  It always starts at 0, because with another
+ * start (1) would be another method.  Every channel has its own alpha and beta.
  * "cgls", for comparison: no max in (1), which is then CGLS itself; its iterates have negative
  * values, the result is clipped once. */
 #include <math.h>

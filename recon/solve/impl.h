@@ -1,4 +1,4 @@
-/* impl.h - what the methods share: the loaded problem with its work areas, fused passes.
+/* impl.h - shared by the methods: the loaded problem with its work areas, fused passes.
  * Private to recon/solve. */
 #ifndef REC_SOLVE_IMPL_H
 #define REC_SOLVE_IMPL_H
@@ -88,8 +88,8 @@ typedef void rec_method(rec_problem *pb, const struct rec_solve_params *p, float
 REC_SOLVERS(REC_METHOD)
 #undef REC_METHOD
 
-/* lambda.c, (2) to (4): renews an automatic weight from an iterate that it led to.  rwr: r'Wr; penalty: ||V^(1/2) L
- * x||^2; lit: columns with x > 0; each per lane, as lambda [4], in and out. */
+/* lambda.c, (2) to (4): renews an automatic weight from an iterate that it led to.  lit: columns with x > 0; rwr:
+ * r'Wr; penalty: ||V^(1/2) L x||^2; each per lane, as lambda [4], in and out. */
 void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const double penalty[4],
                          const double lit[4], double lambda[4]);
 
@@ -125,7 +125,7 @@ static inline float rec_weight_at(const rec_problem *pb, size_t i, size_t l)
 {
     return pb->in.per_channel ? pb->w4[i * 4 + l] : pb->w[i];
 }
-/* Writes residual value of row i, lane l, to *r and *wr; returns its contribution to r'Wr. */
+/* Writes `value` as the residual of row i, lane l, to *r and *wr = W r; returns its part of r'Wr. */
 static inline double rec_put_residual(const rec_problem *pb, size_t i, size_t l, float value,
                                       float *r, float *wr)
 {

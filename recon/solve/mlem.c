@@ -2,9 +2,9 @@
  *
  *     x_j <- x_j / (sum_i w_i A_ij) * sum_i w_i A_ij max(b_i,0) / (A x)_i                  (1)
  * Source: L. A. Shepp, Y. Vardi, IEEE Trans. Med. Imag. 1(2):113-122, 1982.
- * x stays >= 0 by itself, and  sum_i w_i ((A x)_i - b_i log (A x)_i)  never rises.  That weighs
- * dark rays more than equal noise asks for: with little noise it is better than least squares, with
- * much it is worse. */
+ * x stays >= 0 by itself, and  sum_i w_i ((A x)_i - b_i log (A x)_i)  never rises.  That gives
+ * dark rays more weight than equal noise asks for: the method is better than least squares with little
+ * noise, and worse with much. */
 #include <float.h>
 
 #include "recon/simd/lanes.h"

@@ -5,8 +5,8 @@
  *     x <- x + alpha s,  r <- r + alpha A s                                                 (3)
  * Steepest descent for x = exp(z), whose step stops at the first bound: x + alpha s is then
  * x (1 - alpha M g) >= 0 without a projection, and ||W^(1/2) r|| never rises.  M, which the source
- * leaves open as a preconditioner, takes 7 % off the error with the box basis and nothing with the
- * trilinear.
+ * leaves open as a preconditioner, lowers the error by 7 % with the box basis, and not at all with
+ * the trilinear one.
  * Source: J. Nagy, Z. Strakos, Enforcing nonnegativity in image reconstruction algorithms, Proc.
  * SPIE 4121:182, 2000.  alpha is per channel. */
 #include <math.h>

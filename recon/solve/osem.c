@@ -4,8 +4,8 @@
  *                       both sums over i in I_s                                              (1)
  * Source: H. M. Hudson, R. S. Larkin, IEEE Trans. Med. Imag. 13(4):601-609, 1994.
  * I_s are the rows of two or more cameras that follow each other in the rig, K at most 4: with
- * more, a subset says too little about a voxel and the passes over the columns cost more than they
- * bring.  One iteration is one pass over all subsets.  Near the solution of mlem it runs in a
+ * more, a subset holds too little information about a voxel, and the passes over the columns cost more
+ * than they gain.  One iteration is one pass over all subsets.  Near the solution of mlem it runs in a
  * circle, wider with more noise, so it is a method for few iterations.  A voxel that a subset does
  * not see keeps its value there. */
 #include <float.h>
@@ -18,8 +18,9 @@ struct osem {
     float *x, *up, *ratio;
     int subsets, now;
     struct rec_cameras of[REC_OSEM_SUBSETS];
-    struct rec_block_range blocks[REC_OSEM_SUBSETS]; /* what they cover; neighbours may share one */
-    float *sens[REC_OSEM_SUBSETS];                   /* [n] column sums of W A over a subset */
+    struct rec_block_range
+        blocks[REC_OSEM_SUBSETS];  /* blocks of a subset; neighbours may share one */
+    float *sens[REC_OSEM_SUBSETS]; /* [n] column sums of W A over a subset */
 };
 
 /* First block that begins at row `row` or covers it. */

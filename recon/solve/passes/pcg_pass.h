@@ -18,13 +18,13 @@ struct rec_pcg_passes {
     pvx_task_fn direction; /* (4); sum A: d'phi */
     pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
     pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */
-    pvx_task_fn clipped;   /* what clipping changes in A d, A e, into the images */
+    pvx_task_fn clipped;   /* the change of A d by clipping, A e, into the images */
     pvx_task_fn residual;  /* rows: q where clipped, r, q = W r, sum A: r'Wr; columns: smoothness */
     pvx_task_fn smoothness; /* lx = V L x; sums A x'L lx, B ||x||^2 */
     pvx_task_fn brightness; /* lx = L x; (2a): y to next, sums A y, B y^2, C columns with x > 0 */
     pvx_task_fn stiffness;  /* V of (2a) from that, lx = V lx; sum A: x'L lx */
     pvx_task_fn gradient;   /* ar, (3); sums A phi'M phi, B phi'M phi_old */
-    pvx_task_fn regradient; /* the same from the ar that is there */
+    pvx_task_fn regradient; /* the same from the existing ar */
     pvx_task_fn slope;      /* sum A: (next - x)'phi */
     pvx_task_fn retreat;    /* next = x + back (next - x) */
 };
