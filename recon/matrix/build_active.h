@@ -1,4 +1,4 @@
-/* build_active.h - what the files that build a part of S share (active.h).  Not for other modules.
+/* build_active.h - shared by the files that build a part of S (active.h).  Not for other modules.
  *   active_rows.c      one row of bins after the other, on all levels: stores the kept entries
  *   build_active.c     cameras, levels
  *   estimate_active.c  a share of the rows, and from it the cost of all */
@@ -80,7 +80,7 @@ PVX_MUST_CHECK pvx_err rec_active_build_new(struct rec_active_build **out,
 void rec_active_build_free(struct rec_active_build **b);
 
 /* For camera b->camera, in this order: make its tracer and rows; cut them into bands; trace the entries of all bands
- * or of every b->of-th; free the memory of this.  PVX_ENOMEM; PVX_ECANCELED. */
+ * or of every b->of-th; free the memory of the camera.  PVX_ENOMEM; PVX_ECANCELED. */
 PVX_MUST_CHECK pvx_err rec_active_begin(struct rec_active_build *b);
 void rec_active_cut(struct rec_active_build *b);
 PVX_MUST_CHECK pvx_err rec_active_trace(struct rec_active_build *b, pvx_pool *pool);

@@ -23,8 +23,8 @@ static bool cache_dir(char *out, size_t size)
     return false;
 }
 
-/* The file to use: `path` as given, else in the cache's folder, which is made.  "" when there is
- * none to be had: then the matrix lives in memory only. */
+/* The file to use: `path` as given, else a file in the cache's folder, which is created.  "" if there is no such
+ * folder: then the matrix lives in memory only. */
 static void choose_file(const char *path, uint64_t key, char out[PATH_MAX])
 {
     char dir[PATH_MAX];

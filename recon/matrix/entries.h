@@ -4,8 +4,8 @@
 #define REC_ENTRIES_H
 #include "recon/matrix/store.h"
 
-/* A level while S is built, by columns: the entries of column j are [colptr[j],colptr[j+1]), rows ascending, values >
- * 0 in units.  For one camera: its own columns, rows without row0.  For a part of S: only the kept columns. */
+/* A level while S is built, by columns: the entries of column j are [colptr[j],colptr[j+1]), rows ascending, values
+ * in units and > 0.  For one camera: its own columns, rows without row0.  For a part of S: only the kept columns. */
 struct rec_entries {
     uint32_t *colptr; /* [columns+1] */
     uint32_t *row;

@@ -47,7 +47,7 @@ struct rec_subsys {
     int cs;                 /* floats per entry: 1 or 4 */
     int32_t n;              /* active columns */
     const int32_t *col;     /* [n] voxel indices, ascending */
-    int32_t rows;           /* rows of A: of present cameras, with at least one entry */
+    int32_t rows;           /* rows of A: those of present cameras with at least one entry */
     uint64_t nnz;           /* entries of A */
     struct rec_windows win; /* [n] columns; of `more` those of slab s are [more_at[s], more_end[s]),
                                their columns active ones */
@@ -56,7 +56,7 @@ struct rec_subsys {
     int32_t n_blocks;
     uint32_t *block;    /* [n_blocks] ascending: bins REC_ROW_BLOCK * block ... */
     uint32_t *slabs_of; /* [n_blocks] bit s: covered by slab s */
-    uint8_t *is_row;    /* [room] not 0: a row; only what is in a block holds */
+    uint8_t *is_row;    /* [room] not 0: a row; valid only in the blocks */
     float *norm2;       /* [n] column sums of squares: the diagonal of A^T A */
     double sum, sum2;   /* of all entries, of their squares */
     bool present[REC_MAX_CAMERAS];
