@@ -1,4 +1,4 @@
-/* impl.h - what the files of the vote share.  Private to recon/vote. */
+/* impl.h - shared by the files of the vote.  Private to recon/vote. */
 #ifndef REC_VOTE_IMPL_H
 #define REC_VOTE_IMPL_H
 #include "recon/vote/vote.h"

@@ -1,6 +1,6 @@
 /* vote.h - which cameras of a frame set are believed.
  *
- * What the cameras see is one flame, so there is a volume that all their pictures fit.  On the coarsest grid
+ * All cameras see one flame, so there is a volume that fits all their pictures.  On the coarsest grid
  * of S (16 to 31 voxels a side), with pictures averaged to its bins and their channels added up,
  *     x(C) = argmin over x >= 0 of  sum over c in C of  m_c || A_c x - b_c ||^2,
  *     R(C) = sum over c in C of  m_c || K (A_c x(C) - b_c) ||^2                                     (1)

@@ -16,7 +16,7 @@ enum rec_wrong {
     REC_WRONG_MIRRORED,  /* or upside down */
     REC_WRONG_LATE,      /* taken at another instant, or frozen */
     REC_WRONG_BLURRED,   /* out of focus */
-    REC_WRONG_GAIN,      /* brighter or darker than the others say */
+    REC_WRONG_GAIN,      /* brighter or darker than the others predict */
     REC_WRONG_DISAGREES, /* it contradicts the others for an unknown reason */
     REC_N_WRONG
 };
