@@ -27,7 +27,7 @@ struct rec_hull {
         uint32_t views; /* other cameras, which see all of it, all lit */
         bool keep;
     } * brick_state; /* [bricks] */
-    uint8_t *klass;  /* [bricks][VOXELS] of what is kept: 1 partial, 2 inside, else 0 */
+    uint8_t *klass;  /* [bricks][VOXELS] class of a voxel: 1 partial, 2 inside, 0 not kept */
     int32_t *at;     /* [n z][n y] voxels kept in a row; later: before the row */
     struct row {
         int64_t inside, partial, cut;
