@@ -2,7 +2,7 @@
  *
  * A guarded socket lets in only a client that proves to have the secret half of a listed key with the required role.
  * The socket names the role to the handler by its ZAP domain, and refuses everybody while no handler answers.  CURVE
- * hides what is said, but not that something is said, how much and when.
+ * hides the contents of messages, but not their number, size and time.
  * A reload counts a generation up if a client lost rights, or if the daemon's key changed.  The owner of a guarded
  * socket then closes it and opens it again, so that every connected client has to prove its key again.
  * Threads: any.  Owner: caller; the sockets are closed, and the handlers ended, before it is freed. */

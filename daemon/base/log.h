@@ -35,7 +35,7 @@ struct pvx_about {
 };
 
 /* Lines of one cause and camera are limited together.  Begin and end of a trouble have the same cause.  The last
- * line is always written at some time (pvx_log_flush). */
+ * line is always written sooner or later (pvx_log_flush). */
 void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
                    const struct pvx_about *about, const char *fmt, ...) PVX_PRINTF(4, 5);
 /* Write the suppressed lines of LOG_ABOUT that are due.  Call it regularly.  `all`: at the end of the program,

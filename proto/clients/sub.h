@@ -13,8 +13,8 @@ extern "C" {
 typedef struct pvp_sub pvp_sub;
 #define PVP_SUB_MEMORY ((size_t)1 << 30) /* 645^3 voxels of one colour, 447^3 of three */
 struct pvp_sub_options {
-    size_t memory; /* bytes that a volume as floats may need, and half of what a message may be;
-                    * 0: PVP_SUB_MEMORY */
+    size_t memory; /* largest volume as floats, in bytes, and half of the largest message; 0:
+                    * PVP_SUB_MEMORY */
     bool newest;   /* of consecutive volumes only the last is returned; other messages all are */
     const char
         *key; /* a .key file of `pyrovox keygen`, for a daemon that asks for one; NULL: none */

@@ -42,7 +42,7 @@ struct rec_board_sight {
         view;    /* n > 0 only when found; camera and frame 0; the detector's until its next call */
     bool legacy; /* the layout of charuco squares that fits */
     uint32_t markers; /* markers found that lie as on the board */
-    double ratio;     /* of the markers' size to what the board says; NAN where unknown */
+    double ratio;     /* of the markers' size to that in the board's spec; NAN where unknown */
     double square;    /* px, mean side of a square */
     double blur;      /* px, of a Gaussian, median */
 };

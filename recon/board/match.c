@@ -142,7 +142,7 @@ double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m,
         if (!agrees[i])
             continue;
         match_add(p, &m[i], c);
-        /* where the diagonals meet is the image of the middle, whatever the size */
+        /* the diagonals cross at the image of the middle, for any size */
         double x[2] = {c[2].u - c[0].u, c[2].v - c[0].v}, y[2] = {c[3].u - c[1].u, c[3].v - c[1].v};
         double s =
             ((c[1].u - c[0].u) * y[1] - (c[1].v - c[0].v) * y[0]) / (x[0] * y[1] - x[1] * y[0]);

@@ -97,7 +97,7 @@ static pvx_err still_there(struct calib *k)
     return PVX_OK;
 }
 
-/* chi^2 per degree of freedom over what is used. */
+/* chi^2 per degree of freedom, over the used corners. */
 static void joint_weigh(struct calib *k)
 {
     double sum = 0, n = 0, free = 0;

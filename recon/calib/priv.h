@@ -58,7 +58,7 @@ struct calib {
     double chi2;                                /* per degree of freedom, over the corners used */
     /* The covariance refers to the axes and numbers of the fit, so both are kept when the world is moved. */
     double fit_pose[REC_MAX_CAMERAS][6], to_world[6];
-    /* What is estimated, in one allocation so that a fold starts from a copy. */
+    /* The estimated numbers, in one allocation, so that a fold can start from a copy. */
     double *state;
     size_t n_state;
     double *shape, (*lens)[REC_LENS], (*pose)[6], (*board)[6];

@@ -178,7 +178,7 @@ static bool same_place(const struct calib *k, const struct view *a, const struct
     return 2 * n >= a->n && n >= LEAST && sum < STILL * (double)n;
 }
 
-/* A frame in which every camera sees what it saw in an earlier one tells nothing new. */
+/* A frame in which every camera sees the same as in an earlier frame adds nothing new. */
 static void drop_still(struct calib *k)
 {
     for (size_t f = 1; f < k->nf; f++)

@@ -216,7 +216,7 @@ static void other_times(const rec_check *k, size_t c, int place, struct sums *s)
             continue;
         struct view then = check_view_of(k, c, old);
         struct rec_pair late = now.q, early = now.q;
-        late.p = then.q.p; /* late: shows now what was due then */
+        late.p = then.q.p; /* late: shows now the picture that was due then */
         early.b = then.q.b;
         as_late(s, (int)lag, &late, k->rho[place][c]);
         as_late(s, -(int)lag, &early, k->rho[old][c]);

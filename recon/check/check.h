@@ -86,8 +86,8 @@ struct rec_check_picture {
     const uint8_t *lit;
 };
 PVX_MUST_CHECK pvx_err rec_check_look(rec_check *k, size_t c, struct rec_check_picture *out);
-/* Agreement in the set added last, with the volume of neither camera: correlation of camera c (rho[0]) and of
- * camera `without` (rho[1]).  Errors: those of rec_check_add. */
+/* Agreement, in the set added last, with the volume made without both cameras: correlation of camera c (rho[0])
+ * and of camera `without` (rho[1]).  Errors: those of rec_check_add. */
 PVX_MUST_CHECK pvx_err rec_check_pair(rec_check *k, size_t c, size_t without, double rho[2]);
 /* Loads a set for rec_check_look and rec_check_pair without adding it. */
 void rec_check_load(rec_check *k, const struct rec_check_set *s);

@@ -12,10 +12,10 @@
  *   disagrees  1 - rho above 0.1 and four times the median, or lit where the others have no volume at all
  *
  * A faulty camera takes part in the volumes of all others, which then look wrong too.  So, as long as some of the
- * believed cameras are wrong, the one is left out without which the others agree best,
+ * believed cameras are wrong, it leaves out the camera without which the others agree best,
  *     L = argmax_L sum_c rho(c | all but c and L) - rho(c | all but c),    c and L believed, L wrong     (1)
- * over REC_CHECK_PAIRS sets, and all are judged again.  If only one is wrong, it is that one.  At least four cameras
- * that agree must be left, and more than half; otherwise it cannot be told.
+ * over REC_CHECK_PAIRS sets, and judges all again.  If only one is wrong, it is that one.  At least four cameras that
+ * agree must be left, and more than half; otherwise it cannot be told.
  * Source: the removal of ghost cameras by consistency is our own; NUMERICS.md.
  * Threads: as rec_check. */
 #ifndef REC_JUDGE_H

@@ -19,7 +19,7 @@ static void posefit_middle_of(const struct rec_grid *g, double X0[3], double *si
     *size = s;
 }
 
-/* Standard deviations of the prior: each number alone moves the flame by REC_POSE_PX (posefit.h). */
+/* Standard deviations of the prior (posefit.h): REC_POSE_PX at the flame, or a tenth of that. */
 static bool beliefs(const struct rec_camera *c, const double X0[3], double size, double sigma[N])
 {
     double J[2 * N], reach = REACH * size;

@@ -5,8 +5,8 @@
  * The stages are those of a frame set (recon/frame), on a small grid of its own and in one channel, the mean of a
  * pixel's channels.  Silhouettes are grown by a margin, since with a slightly wrong rig the hull would cut the flame.
  * Memory: S of the small grid, a slot and some pictures.  Cost: (1) a solve of the small grid; a picture one product.
- * Threads: one call at a time, parallel inside; same bits for any number of threads.  After new nothing allocates
- * but what rec_frame_solve takes.  Owner: caller; pool is borrowed. */
+ * Threads: one call at a time, parallel inside; same bits for any number of threads.  After new, only
+ * rec_frame_solve allocates.  Owner: caller; pool is borrowed. */
 #ifndef REC_UNSEEN_H
 #define REC_UNSEEN_H
 #include "recon/frame/frame.h"
