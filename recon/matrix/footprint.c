@@ -20,9 +20,9 @@ struct job {
     const struct rec_camera *c;
     const struct rec_sysmat_block *b;
     const struct rec_entries *part; /* colptr NULL: entries are not known */
-    struct rec_rect *fp;            /* output: of all voxels, or */
-    struct rec_rect *brick;      /* of bricks, or of the kept voxels on all levels if met is set: */
-    const _Atomic uint64_t *met; /* [N bits] columns that have entries of camera */
+    struct rec_rect *fp;            /* output: of all voxels, or: */
+    struct rec_rect *brick;         /* of bricks; both NULL: of the kept voxels on all levels */
+    const _Atomic uint64_t *met;    /* [N bits] columns that have entries of camera */
     size_t camera;
     int32_t n[3];   /* items */
     int32_t slab;   /* layers of items per task */

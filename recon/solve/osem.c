@@ -19,7 +19,7 @@ struct osem {
     int subsets, now;
     struct rec_cameras of[REC_OSEM_SUBSETS];
     struct rec_block_range
-        blocks[REC_OSEM_SUBSETS];  /* blocks of a subset; neighbours may share one */
+        blocks[REC_OSEM_SUBSETS];  /* those of a subset; neighbours may share one */
     float *sens[REC_OSEM_SUBSETS]; /* [n] column sums of W A over a subset */
 };
 
