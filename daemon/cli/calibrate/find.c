@@ -1,4 +1,4 @@
-/* Which cameras there are, and which pictures: folders, videos or a take. */
+/* find.c - find the cameras and the pictures: folders, videos or a take. */
 #include <dirent.h>
 #include <errno.h>
 #include <stdio.h>
@@ -42,7 +42,7 @@ static pvx_err find_add_folder(struct calibrate_look *l, const char *dir, const 
 {
     struct cap_sequence s;
     pvx_err e = cap_sequence_find(path, &s, d);
-    if (e == PVX_ENOENT && d != NULL) /* a folder of something else */
+    if (e == PVX_ENOENT && d != NULL) /* the folder has no pictures */
         d->text[0] = '\0';
     if (e != PVX_OK)
         return e == PVX_ENOENT ? PVX_OK : e;

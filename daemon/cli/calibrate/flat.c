@@ -18,7 +18,7 @@ static const char doc[] =
     "Do this after dark. With 2 pictures or more at each place the noise is measured too (photon "
     "transfer). One place is refused: it cannot tell the lens from the source.";
 
-/* The pictures must be of the camera of the darks.  Without darks they say which camera it is. */
+/* Check that the pictures are of the camera of the darks.  Without darks take the camera's identity from them. */
 static pvx_err flat_identity(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];

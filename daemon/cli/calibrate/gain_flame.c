@@ -157,7 +157,7 @@ static pvx_err alternate(const struct calibrate_light *l, struct calibrate_gain 
     return e;
 }
 
-/* ---- what is said ---- */
+/* ---- messages ---- */
 
 static void gain_flame_fill(struct dmn_json *j, const void *what)
 {

@@ -316,7 +316,7 @@ static pvx_err light_read(struct calibrate_light *l, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* ---- what is written ---- */
+/* ---- output ---- */
 
 pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera, const char *kind,
                             const float *v, struct rec_map *m, struct pvx_diag *d)

@@ -136,7 +136,7 @@ static int live_by_number(const void *a, const void *b)
     return (p > q) - (p < q);
 }
 
-/* What was taken before, with the board found in it anew. */
+/* Take over the pictures of an earlier run, and find the board in them again. */
 static pvx_err live_take_over(struct live *l, struct pvx_diag *d)
 {
     struct calibrate_look old, *k = &l->job.look;
@@ -198,7 +198,7 @@ static pvx_err live_prepare(struct live *l, struct calibrate_args *a, const char
     if ((l->common = pvx_calloc(n * n, sizeof *l->common)) == NULL)
         return PVX_ENOMEM;
     live_count(l);
-    if (a->floor < 0 && !a->has_up && a->keep == NULL) /* the first picture */
+    if (a->floor < 0 && !a->has_up && a->keep == NULL) /* by default the first picture */
         a->floor = l->job.look.n > 0 ? l->job.look.picture[0].frame : 0;
     PVX_TRY(calibrate_prepare(&l->job, d));
     return make_folders(l, d);

@@ -16,7 +16,7 @@
 struct looking {
     struct calibrate_look *l;
     const struct rec_board *board;
-    pthread_mutex_t lock; /* guards what follows */
+    pthread_mutex_t lock; /* guards all fields below */
     size_t next, done;
     pvx_err e;
     struct pvx_diag d;

@@ -53,7 +53,7 @@ struct calibrate_look {
     uint32_t always;   /* look at this one in any case; REC_NO_FRAME: none */
     uint32_t from, to; /* pictures of other numbers are not looked at */
     struct calibrate_mode { /* how the flame's pictures differ from these; modes.h */
-        int32_t binning, x, y, width, height; /* 0: not said */
+        int32_t binning, x, y, width, height; /* 0: not declared */
     } mode[REC_MAX_CAMERAS];
     char said[300]; /* which instants were looked at, in words; "" for folders */
 };
@@ -63,7 +63,7 @@ struct calibrate_look {
  * side; PVX_ERANGE: too many cameras, numbers too large; a take's. */
 PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path,
                                       struct pvx_diag *d);
-/* The camera whose name is these `len` characters; n_cameras: there is none. */
+/* The camera whose name is these `len` characters.  n_cameras: there is none. */
 size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t len);
 /* Look at every picture.  The result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C); the
  * detector's; PVX_EINVAL: a camera without a picture from..to, with pictures of two sizes, or none that can be

@@ -85,7 +85,7 @@ static void refine_say(const struct rec_rig *rig, const struct rec_refine_report
     refine_say_held(rig, o);
 }
 
-/* The rig of the command with the refined cameras, whose light is as it was. */
+/* Save the rig of the command line with refined poses and focal lengths.  Its photometry stays as it was. */
 static pvx_err refine_write_rig(const struct flame_sets *s, const char *path, struct pvx_diag *d)
 {
     struct rec_rig rig;

@@ -7,7 +7,7 @@
 #include "base/mem.h"
 #include "daemon/cli/calibrate/watch.h"
 
-/* What is solved: the views of the largest group of cameras that poses join. */
+/* The input of a solve: the views of the largest group of cameras that poses join. */
 struct snapshot {
     struct rec_calib_camera camera[REC_MAX_CAMERAS];
     struct rec_board_view *view;

@@ -30,7 +30,7 @@ static const char *screen_name_of(const struct live *l, uint32_t c)
 
 /* ---- words ---- */
 
-/* What is missing: "cam2-cam3: 2 joint poses, need 5". */
+/* Write what is still missing: "cam2-cam3: 2 joint poses, need 5". */
 static void screen_say_missing(const struct live *l, char *out, size_t size)
 {
     struct calibrate_graph g;
@@ -71,7 +71,7 @@ static bool join_first(const struct live *l, char *out, size_t size)
     return false;
 }
 
-/* What to do next: "face cam3, low". */
+/* Write what to do next: "face cam3, low". */
 static void say_advice(const struct live *l, char *out, size_t size)
 {
     const struct live_result *r = &l->result;

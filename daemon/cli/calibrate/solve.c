@@ -10,7 +10,7 @@
 struct args {
     struct calibrate_args c;
     const char *frames;
-    int64_t every, from, to; /* every 0: not said */
+    int64_t every, from, to; /* every 0: not given */
     const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
     size_t n_binning, n_region;
 };

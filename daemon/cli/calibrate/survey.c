@@ -1,4 +1,4 @@
-/* Which instants of videos and takes are worth looking at: reel.h. */
+/* survey.c - choose the instants of videos and takes that are worth looking at (reel.h). */
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -10,17 +10,17 @@
 #include "daemon/cli/calibrate/reel.h"
 #include "daemon/cli/common/cli.h"
 
-#define THUMB 160  /* bins along the longer side of what is compared */
+#define THUMB 160  /* bins along the longer side of the compared pictures */
 #define RATES 0.01 /* videos whose rates differ by more were not taken together */
 #define LACK  4.0
 
-/* ---- what moves ---- */
+/* ---- motion ---- */
 
 struct survey {
     struct calibrate_look *l;
     struct calibrate_motion motion[REC_MAX_CAMERAS];
     double fps[REC_MAX_CAMERAS];
-    pthread_mutex_t lock; /* guards what follows */
+    pthread_mutex_t lock; /* guards all fields below */
     size_t done;
     pvx_err e;
     struct pvx_diag d;
@@ -141,7 +141,7 @@ static void survey_camera(void *ctx, size_t c)
     pthread_mutex_unlock(&s->lock);
 }
 
-/* ---- what is chosen ---- */
+/* ---- choice ---- */
 
 /* The larger difference from its two neighbours, over the average.  LACK: there is no picture. */
 static double restless(const struct calibrate_motion *m, double mean, size_t k)

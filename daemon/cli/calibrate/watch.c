@@ -124,7 +124,7 @@ static void watch_look_at(void *ctx, size_t task)
         k->view = k->sight.view;
 }
 
-/* ---- what it means ---- */
+/* ---- state of the board ---- */
 
 static void watch_gather(const struct live *l, bool still, struct rec_board_view *out)
 {

@@ -11,7 +11,7 @@
  *         {0}};
  *
  * The functions below read `text`, the value of option --name.  A wrong value ends the program as
- * argp_error does: with what the value should be, and exit code 2.  Limits are inclusive. */
+ * argp_error does: the message says what the value should be, and the exit code is 2.  Limits are inclusive. */
 #ifndef CLI_ARG_H
 #define CLI_ARG_H
 #include <argp.h>

@@ -15,7 +15,7 @@
 #define SAY_MS    1000  /* after this time print that the wait may be long */
 #define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 
-/* The daemon that is asked, and with which key. */
+/* The daemon that is asked, and the key for it. */
 struct whom {
     const char *endpoint, *key;
     bool patient; /* the answer may take long: print that */
@@ -73,7 +73,7 @@ static pvx_err exchange(void *socket, pvp_door *door, struct whom whom, const ch
     if (sent >= 0)
         e = ask_answer(socket, door, whom, timeout_ms, d);
     if (e != PVX_OK) {
-        /* said */
+        /* the error is in d already */
     } else if (sent < 0 || zmq_msg_recv(&reply, socket, ZMQ_DONTWAIT) < 0) {
         e = errno == EINTR
                 ? PVX_ECANCELED

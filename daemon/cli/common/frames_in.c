@@ -19,7 +19,7 @@
 static const char *const exts[] = {"npy", "png", "tif", "tiff", "jpg"}; /* first one found wins */
 #define N_EXT (sizeof exts / sizeof exts[0])
 
-/* ---- what is there ---- */
+/* ---- finding the frames ---- */
 
 static bool there(const struct frames_in *f, size_t i, size_t c)
 {

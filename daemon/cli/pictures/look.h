@@ -22,7 +22,7 @@ enum look_tone { LOOK_CLIP, LOOK_REINHARD, LOOK_FILMIC };
 #define LOOK_HEADROOM 4.0
 
 struct look {
-    double exposure; /* f; 0 = automatic, where a function says so */
+    double exposure; /* f; 0 = automatic, if the function allows it */
     double gamma;    /* 1: linear */
     enum look_tone tone;
     int depth; /* bits, 8 or 16 */

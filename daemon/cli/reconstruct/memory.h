@@ -6,7 +6,7 @@
 #include "recon/matrix/active.h"
 #include "recon/matrix/subsys.h"
 
-/* What the silhouettes of some sets showed. */
+/* Figures from the silhouettes of some sets. */
 struct reconstruct_seen {
     size_t sets;
     double seconds;     /* for all sets together */

@@ -194,7 +194,7 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
         snprintf(join, sizeof join, "--wrap=exec '%s/pyrovox' reconstruct --join --out '%s'", dir,
                  j->out);
         argv[n++] = "--job-name=pyrovox-join";
-        argv[n++] = "--cpus-per-task=1"; /* of an option said twice sbatch takes the later */
+        argv[n++] = "--cpus-per-task=1"; /* if an option is given twice, sbatch uses the later */
         argv[n++] = after;
         argv[n++] = output;
         argv[n++] = join;

@@ -21,7 +21,7 @@ struct export
 {
     const cap_take *t;
     const char *dir;
-    void *mem; /* a frame as it is in the take */
+    void *mem; /* a frame's bytes as in the take */
     size_t size;
     float *values;     /* [pixels][4] */
     uint16_t *samples; /* [pixels][3] */

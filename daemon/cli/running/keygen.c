@@ -1,5 +1,4 @@
-/* keygen.c - `pyrovox keygen`: make a key for a daemon that others reach over the network, or for one of its
- * clients. */
+/* keygen.c - `pyrovox keygen`: make a key for a daemon that is reached over the network, or for a client of it. */
 #include <argp.h>
 #include <stdio.h>
 #include <string.h>

@@ -133,7 +133,7 @@ static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
     return PVX_OK;
 }
 
-/* Which lines there are. */
+/* Fail with a message that lists the lines. */
 static pvx_err faults_unknown(const char *line, struct pvx_diag *d)
 {
     static const char *const after[] = {" CAMERA on|off", " CAMERA NUMBER", " CAMERA X:Y"};

@@ -1,4 +1,4 @@
-/* A check's page: the verdict, and of every camera its own picture with what the others say. */
+/* check.c - the page of a check: the verdict, and each camera's picture compared with the other cameras. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -72,7 +72,7 @@ static pvx_err bitmap(FILE *f, const struct rec_check_picture *q, double height)
     return PVX_OK;
 }
 
-/* ---- what is drawn over it ---- */
+/* ---- drawings over the picture ---- */
 
 /* Outline of the hull: it follows the edges of the bins. */
 static void outline(FILE *f, const struct rec_check_picture *q, double unit)

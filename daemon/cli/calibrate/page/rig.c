@@ -54,7 +54,7 @@ static void polygon(const struct drawing *g, const char *class, const double (*X
     fputs("Z\"", g->f);
 }
 
-/* ---- what is drawn ---- */
+/* ---- drawings ---- */
 
 /* Centre, then the picture's corners at `depth`, without distortion: some lenses have no such rays. */
 static void frustum(const struct rec_camera *k, double depth, double X[5][3])
@@ -171,7 +171,7 @@ static void rig_cameras(struct drawing *g, const struct rec_rig *rig)
     }
 }
 
-/* Where x and y (z) go, and a length. */
+/* Draw the directions of x and y (or z), and a length. */
 static void legend(const struct drawing *g, double height)
 {
     double y = height - 14, metres = report_round(0.25 * (g->most[0] - g->least[0]));

@@ -1,4 +1,4 @@
-/* The report as one page: what a lab needs first stands first.  Nothing is fetched and nothing is run. */
+/* sections.c - the report as one page, the most needed sections first.  It loads no files and runs no scripts. */
 #include <math.h>
 #include <string.h>
 
@@ -177,7 +177,7 @@ static void folds(FILE *f, const struct calibrate_result *r)
     fputs("</table></div>\n", f);
 }
 
-/* ---- what was left out ---- */
+/* ---- views left out ---- */
 
 /* Why a view was not used, after its picture was found good. */
 static void fate(FILE *f, const struct rec_calib_view *v)

@@ -8,7 +8,7 @@
 #define CELL 40.0
 #define WARP 14 /* cells across the drawing of the board */
 
-/* Of a cell at (x, y), as strong as `share` says. */
+/* Draw a cell at (x, y) with opacity `share`. */
 static void cell(FILE *f, double x, double y, double side, const char *class, double share)
 {
     fprintf(f,
@@ -17,7 +17,7 @@ static void cell(FILE *f, double x, double y, double side, const char *class, do
             x, y, side, side, class, share);
 }
 
-/* Height k: y upwards, as seen from above. */
+/* Draw height k as seen from above, with y upwards. */
 static void slice(FILE *f, const struct calibrate_result *r, int k, double most)
 {
     const struct rec_grid *g = r->grid;
@@ -33,7 +33,7 @@ static void slice(FILE *f, const struct calibrate_result *r, int k, double most)
                 cell(f, x, y, CELL, "none", 0.15);
             fprintf(f, "<text x=\"%.1f\" y=\"%.1f\" font-size=\"11\" text-anchor=\"middle\">",
                     x + CELL / 2, y + CELL / 2 + 4);
-            html_number(f, v, most < 10 ? 3 : most < 100 ? 2 : 1); /* as many as fit */
+            html_number(f, v, most < 10 ? 3 : most < 100 ? 2 : 1); /* as many decimals as fit */
             fputs("</text>", f);
         }
     fputs("</svg></figure>\n", f);
