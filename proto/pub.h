@@ -37,7 +37,8 @@ PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
 /* Compression from the next volume on. */
 void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp);
 /* A message of another type.  `what`: the text (const char *) of PVP_STATUS, PVP_EVENT and PVP_END, whose reason is
- * cut to 63 bytes; the struct pvp_preview of PVP_PREVIEW.  The session is the start's.  Errors: as the type's pvp_encode_*. */
+ * cut to 63 bytes; the struct pvp_preview of PVP_PREVIEW.  The session is the start's.
+ * Errors: as the type's pvp_encode_*. */
 PVX_MUST_CHECK pvx_err pvp_pub_say(pvp_pub *p, enum pvp_type type, const void *what);
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
 /* Subscriptions that were open at the last tick.  All of them have been sent `start`. */

@@ -189,8 +189,8 @@ PVX_MUST_CHECK pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view
  * count: room in `brick`.  No dense volume is made.  Errors: as pvp_volume_unpack. */
 PVX_MUST_CHECK pvx_err pvp_volume_bricks(pvp_decoder *dec, const struct pvp_view *v, uint32_t *ids,
                                          float *brick, size_t count, struct pvx_diag *d);
-/* The payload uncompressed, v->raw_len bytes as samples of v->sample, borrowed from the message or the decoder.  Errors:
- * PVX_ECORRUPT, PVX_ENOMEM. */
+/* The payload uncompressed, v->raw_len bytes as samples of v->sample, borrowed from the message or the decoder.
+ * Errors: PVX_ECORRUPT, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_volume_payload(pvp_decoder *dec, const struct pvp_view *v,
                                           const uint8_t **raw, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_status(const void *msg, size_t len, const char **json,

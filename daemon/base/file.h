@@ -1,8 +1,8 @@
 /* file.h - whole-file reading and crash-safe writing.
  *
  * Only input with an end is read: a regular file, or a pipe without a name that the parent process opened
- * (/dev/stdin, the shell's <(...)).  Folders, devices, sockets and named pipes are refused with PVX_EFORMAT, by name and
- * with the remedy. */
+ * (/dev/stdin, the shell's <(...)).  Folders, devices, sockets and named pipes are refused with PVX_EFORMAT,
+ * by name and with the remedy. */
 #ifndef PVX_FILE_H
 #define PVX_FILE_H
 #include <stddef.h>

@@ -4,9 +4,9 @@
  * One write(2) per line, or one call of the sink.  Threads: any thread may log; the frame path uses
  * LOG_EVERY only.  Never log in a camera's driver callback.
  *
- * Repeated lines are limited: LOG_EVERY by its place, LOG_ABOUT by cause and camera.  The first 8 lines are written at
- * once (LOG_EVERY's a second apart), the next 1, 2, 4... s apart, then one an hour.  Each gives the number of suppressed
- * lines: 187 lines in a week.  An hour without any resets the limit. */
+ * Repeated lines are limited: LOG_EVERY by its place, LOG_ABOUT by cause and camera.  The first 8 lines are written
+ * at once (LOG_EVERY's a second apart), the next 1, 2, 4... s apart, then one an hour.  Each gives the number of
+ * suppressed lines: 187 lines in a week.  An hour without any resets the limit. */
 #ifndef PVX_LOG_H
 #define PVX_LOG_H
 #include <stdbool.h>
