@@ -1,4 +1,4 @@
-/* bricks.h - between bricks and dense volumes [z][y][x][c].
+/* bricks.h - conversion between bricks and dense volumes [z][y][x][c].
  * Threads: pure; a store belongs to one thread. */
 #ifndef VOL_BRICKS_H
 #define VOL_BRICKS_H
@@ -13,12 +13,12 @@ struct vol_store {
 PVX_MUST_CHECK pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels);
 void vol_store_free(struct vol_store *s);
 
-/* dense, zeroed before, gets the volume's bricks. */
+/* Writes the volume's bricks into dense, which has to be zeroed before. */
 void vol_to_dense(const struct vol_volume *v, float *dense);
-/* The bricks of a dense volume that are not all 0 into s.  PVX_ECORRUPT: a value is not finite; PVX_ENOMEM. */
+/* Puts the bricks of a dense volume that are not all 0 into s.  PVX_ECORRUPT: a value is not finite; PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g,
                                       const float *dense);
-/* The same of voxels that are not 0. */
+/* The same for a list of the voxels that are not 0. */
 PVX_MUST_CHECK pvx_err vol_from_voxels(struct vol_store *s, const struct pvp_grid *g,
                                        const struct pvp_voxels *x);
 #endif

@@ -27,11 +27,11 @@ struct vol_row {
 
 struct vol_column {
     const char *name;
-    hid_t type; /* a library constant, but for the solver's name: vol_column_done */
+    hid_t type; /* a library constant, except for the solver's name (vol_columns_done) */
     size_t offset;
 };
-/* The columns, `check` and `number` last: who follows a growing file counts that one.  What is owned is given back
- * by vol_columns_done. */
+/* The columns.  `check` and `number` are last, as a reader of a growing file counts the rows of `number`.
+ * vol_columns_done frees what they own. */
 void vol_columns(struct vol_column out[VOL_COLUMNS]);
 void vol_columns_done(struct vol_column c[VOL_COLUMNS]);
 extern const char *const vol_gap_columns[VOL_GAP_COLS]; /* why, set_first, set_last, volumes: u64 */
@@ -42,20 +42,20 @@ struct vol_tiles {
     size_t floats; /* of a chunk */
 };
 struct vol_tiles vol_tiles(const struct pvp_grid *g);
-/* A hash of chunk `id` of which the floats hash to h, after those before it; 0 before the first. */
+/* Chained hash of a set's chunks: adds chunk `id`, whose floats hash to h, to the hash `before` (0 for the first). */
 uint64_t vol_hash(uint64_t before, uint32_t id, uint64_t h);
 /* XXH3-64 of a row without its `check`, seeded with vol_hash of its chunks. */
 uint64_t vol_row_check(const struct vol_column c[VOL_COLUMNS], const struct vol_row *r,
                        uint64_t seed);
-/* The first n rows of what vol_hdf5_reader opened, as they stand there: `check` is of the chunks too. */
+/* Reads the first n rows of a file that vol_hdf5_reader opened, as they are stored; `check` covers the chunks too. */
 bool vol_hdf5_rows(void *self, uint64_t n, struct vol_row *rows);
-/* /emission is there and goes through filters, as volumes do, so that it is not that of a joined file.  It is not opened:
- * where its data are is not looked at. */
+/* Whether /emission is there and has filters, as volumes have; that of a joined file has none.  It is not opened, so
+ * the place of its data is not looked at. */
 bool vol_hdf5_filtered(hid_t file);
 /* Attributes, rig and configuration of a new file; not closed yet. */
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */
 bool vol_hdf5_nexus(hid_t file, const struct vol_head *h);
-/* The group that ParaView reads, on the same data: of `sets` volumes, when the file is complete. */
+/* The group that ParaView reads, on the same data of `sets` volumes.  Call it when the file is complete. */
 bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets);
 #endif

@@ -1,4 +1,4 @@
-/* hdf5_head.c - what every HDF5 file of volumes has but the volumes (daemon/VOLUMES.md). */
+/* hdf5_head.c - all of an HDF5 file of volumes except the volumes (daemon/VOLUMES.md). */
 #include <stdlib.h>
 #include <unistd.h>
 
@@ -67,7 +67,7 @@ static bool also(hid_t file, const char *from, hid_t group, const char *name)
     return H5Lcreate_hard(file, from, group, name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
 }
 
-/* NeXus: what h5web, silx and NeXpy show by themselves. */
+/* NeXus groups, by which h5web, silx and NeXpy show the data without being told. */
 static bool make_entry(hid_t f)
 {
     hid_t entry = H5Gcreate2(f, "entry", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);

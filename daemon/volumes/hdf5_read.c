@@ -1,8 +1,8 @@
-/* hdf5_read.c - what hdf5_write.c wrote, whole, growing or cut off.
+/* hdf5_read.c - reads what hdf5_write.c wrote: a whole, growing or cut-off file.
  *
- * Nothing that the file says is believed before it was compared: types, ranks, sizes, the chunks of a set against the
- * hash in its row.  A set counts when its row and all its chunks are there; sets are appended in order, so in
- * a file that was cut the first that is not whole is found by halving. */
+ * Everything in the file is checked before it is used: types, ranks, sizes, the chunks of a set against the hash in
+ * its row.  A set counts when its row and all its chunks are there.  Sets are appended in order, so bisection finds
+ * the first incomplete set of a file that was cut. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -16,7 +16,7 @@
 #include "daemon/volumes/hdf5.h"
 
 #define B       PVP_BRICK
-#define SQUEEZE 1100 /* deflate makes no more of a byte */
+#define SQUEEZE 1100 /* a byte of deflate gives no more bytes */
 
 struct in {
     char *path;
@@ -26,7 +26,7 @@ struct in {
     struct pvp_start start;
     struct vol_tiles t;
     uint32_t nb[3], n_bricks;
-    uint64_t said, n_gaps; /* rows that there are */
+    uint64_t said, n_gaps; /* sets that the file claims; rows of gaps */
     char *rig, *config;
     struct vol_gap *gap;
     float *chunk;
@@ -241,7 +241,7 @@ static bool read_chunk(struct in *r, uint64_t k, const uint32_t at[3])
     return ok;
 }
 
-/* The chunk's bricks that are not all 0 into the store; false when a value is not finite. */
+/* Put the chunk's bricks that are not all 0 into the store; false when a value is not finite. */
 static bool hdf5_read_scatter(struct in *r, const uint32_t at[3])
 {
     const struct pvp_grid *g = &r->start.grid;
@@ -282,7 +282,7 @@ static bool hdf5_read_is_there(const struct in *r, uint64_t k, const uint32_t at
     return H5Dget_chunk_storage_size(r->emission, from, &bytes) >= 0 && bytes > 0;
 }
 
-/* Bricks ascend along whole rows of bricks, chunks do not: sorted by way of the map. */
+/* Sort the bricks by id, with brick_at: their ids ascend along whole rows of bricks, but chunks do not. */
 static pvx_err sort_bricks(struct in *r)
 {
     size_t cells = (size_t)B * B * B * r->start.grid.channels;
@@ -301,7 +301,7 @@ static pvx_err sort_bricks(struct in *r)
     return PVX_OK;
 }
 
-/* The store gets set k; PVX_ECORRUPT: not as it was written. */
+/* Read set k into the store.  PVX_ECORRUPT: it is not as it was written. */
 static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
 {
     uint64_t seed = 0;
@@ -372,11 +372,11 @@ static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct p
     return PVX_OK;
 }
 
-/* Sets from the first that are whole. */
+/* Number of complete sets from the first one on. */
 static uint64_t whole_sets(struct in *r)
 {
     struct vol_row row;
-    uint64_t good = 0, bad = r->said; /* those before `good` are, `bad` is not */
+    uint64_t good = 0, bad = r->said; /* sets before `good` are complete, `bad` is not */
     if (bad > 0 && hdf5_read_load(r, bad - 1, &row) == PVX_OK)
         good = bad;
     while (good < bad) {
@@ -428,7 +428,7 @@ static pvx_err hdf5_read_open_all(struct in *r, const char *path, uint64_t *coun
     if (r->chunk == NULL || r->brick_at == NULL)
         return PVX_ENOMEM;
     *count = whole_sets(r);
-    closed &= *count == r->said; /* else it was cut afterwards */
+    closed &= *count == r->said; /* else it was cut after it was closed */
     *cut = !closed;
     return PVX_OK;
 }

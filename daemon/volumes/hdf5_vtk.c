@@ -1,12 +1,12 @@
 /* hdf5_vtk.c - /VTKHDF: an image of points at the voxels' centres.
  *
  * One volume: version 1.0 of that format, which every reader knows, [z][y][x][c]: a virtual dataset on the only set.
- * Several: version 2.0, in which an image's arrays have time before z as /emission has, so that is linked. */
+ * Several: version 2.0, in which an image's arrays have time before z, as /emission has, so /emission is linked. */
 #include <string.h>
 
 #include "daemon/volumes/hdf5.h"
 
-/* ASCII, without the 0: this reader compares the length too. */
+/* ASCII, without the terminating 0, as the reader of this format compares the length too. */
 static bool put_type(hid_t at)
 {
     static const char image[] = "ImageData";

@@ -1,7 +1,7 @@
 /* hdf5_write.c - a growing HDF5 file of volumes (daemon/VOLUMES.md).
  *
- * A volume's chunks are put together, shuffled and deflated by a pool, written as they are, then its row in each
- * column, then the file is flushed: so whoever follows it by SWMR, or what a kill leaves, ends with a whole set. */
+ * A pool assembles, shuffles and deflates a volume's chunks.  They are written as they are, then the volume's row in
+ * each column, then the file is flushed.  So an SWMR reader, and a file that a kill leaves, end with a whole set. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -135,7 +135,7 @@ static bool hdf5_write_is_zero(const float *v, size_t n)
     return true;
 }
 
-/* Which chunks have flame; where their bricks are. */
+/* Find the chunks that have flame and the places of their bricks. */
 static void hdf5_write_mark(struct out *w)
 {
     size_t cells = (size_t)B * B * B * w->grid.channels;
@@ -298,7 +298,7 @@ static bool make_columns(struct out *w)
     return ok;
 }
 
-/* Its folder is made. */
+/* Check that the file can be made, and make its folder. */
 static pvx_err hdf5_write_check(const char *path, struct pvx_diag *d)
 {
     char dir[1200];
@@ -320,7 +320,7 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     if (w->room.fd < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
     hid_t fapl = take_h5_access(VOL_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
-    /* What is changed when the file is closed lies in one piece, the root's own: else a cut then leaves half of it. */
+    /* All that closing changes lies in one piece, that of the root: else a cut at that moment leaves half of it. */
     H5Pset_attr_phase_change(fcpl, ROOT_MOST, 0);
     H5Pset_link_phase_change(fcpl, ROOT_MOST, 0);
     H5Pset_est_link_info(fcpl, ROOT_MOST, 16);
@@ -425,7 +425,7 @@ static pvx_err hdf5_write_hdf5_close(void *self, struct pvx_diag *d)
     pvx_err e = ok && H5Fclose(w->file) >= 0 ? PVX_OK : hdf5_write_fail(w, "cannot be closed", d);
     if (ok)
         w->file = -1;
-    /* what had been promised and was not needed */
+    /* give back the reserved space that was not needed */
     if (e == PVX_OK && w->room.fd >= 0) {
         off_t end = lseek(w->room.fd, 0, SEEK_END);
         if (end < 0 || ftruncate(w->room.fd, end) != 0)

@@ -54,7 +54,7 @@ static bool same_recording(const struct vol_head *a, const struct vol_head *b)
            pvp_grid_same(&a->start.grid, &b->start.grid) && strcmp(a->rig, b->rig) == 0;
 }
 
-/* The rows of one part, where nobody had them before. */
+/* Take the rows of one part for the sets that no part before had. */
 static pvx_err join_take_rows(struct joining *w, void *part, uint32_t p, struct pvx_diag *d)
 {
     const struct vol_gap *g;
@@ -103,7 +103,7 @@ static pvx_err read_part(struct joining *w, uint32_t p, struct pvx_diag *d)
     return e;
 }
 
-/* Sets that there will never be a volume of are left out, the others keep their order. */
+/* Leave out sets that will never have a volume; the others keep their order.  Returns how many are missing. */
 static size_t close_ranks(struct joining *w)
 {
     size_t missing = 0;
@@ -120,7 +120,7 @@ static size_t close_ranks(struct joining *w)
         w->at[w->n] = w->at[k];
         w->row[w->n++] = w->row[k];
     }
-    /* times of a part count from its own first set */
+    /* times of a part count from its own first set, those of the new file from the first of all */
     bool any = false;
     int64_t t0 = 0;
     for (size_t k = 0; k < w->n; k++) {
@@ -157,7 +157,7 @@ static bool put_columns(struct joining *w)
     return ok;
 }
 
-/* One for each run of sets that nobody has solved. */
+/* One gap for each run of sets that no part has solved. */
 static bool join_put_gaps(struct joining *w)
 {
     hid_t gaps = H5Gcreate2(w->file, "gaps", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
@@ -185,7 +185,7 @@ static bool join_put_gaps(struct joining *w)
     return ok;
 }
 
-/* Sets [k, k + n) of the new file are `n` consecutive ones of a part. */
+/* Map sets [k, k + n) of the new file to `n` consecutive ones of a part. */
 static bool map_run(struct joining *w, hid_t p, hid_t space, size_t k, size_t n)
 {
     const struct pvp_grid *g = &w->head.start.grid;
@@ -271,7 +271,7 @@ pvx_err vol_join_check(const char *path, struct pvx_diag *d)
 pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
 {
     struct joining w = {.j = j};
-    char host[256] = ""; /* processes of two nodes may have one number */
+    char host[256] = ""; /* processes of two nodes may have the same number */
     gethostname(host, sizeof host - 1);
     take_h5_init();
     *missing = j->n;

@@ -1,8 +1,8 @@
-/* joined_read.c - what join.c made, by its parts: each volume comes from the part that has it and is checked there, as
- * a virtual dataset would not be.
+/* joined_read.c - reads what join.c made by way of its parts: each volume comes from the part that has it and is
+ * checked there, which a virtual dataset would not do.
  *
- * Nothing that the file says is believed before it was compared: a mapping's place against the columns, a name against
- * the folder, a volume's number against the part's.  A part that is not there is a gap, not an error. */
+ * Everything in the file is checked before it is used: a mapping's place against the columns, a name against the
+ * folder, a volume's number against the part's.  A part that is not there is a gap, not an error. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,7 +19,7 @@
 struct run {
     char *path;
     uint64_t to, n, from;
-    uint64_t index; /* of its first among the volumes that are there */
+    uint64_t index; /* of its first volume, among the volumes that are there */
 };
 
 struct joined {
@@ -50,8 +50,8 @@ static uint64_t joined_read_load(const char *p, size_t bytes)
     return v;
 }
 
-/* A collection of the global heap (HDF5's format, III.E): its objects follow each other to the end, number 0 is room.
- * p[0, n) begins with it. */
+/* Whether the objects of a collection of the global heap (HDF5's format, III.E) follow each other to its end; object
+ * 0 is free space.  p[0, n) begins with the collection. */
 static bool heap_ends(const char *p, size_t n)
 {
     uint64_t size = n >= 16 ? joined_read_load(p + 8, 8) : 0;
@@ -67,8 +67,8 @@ static bool heap_ends(const char *p, size_t n)
     return true;
 }
 
-/* libhdf5 (1.10.8) believes the heap, which has no checksum, and the mapping lies there: it looks for ever, or past
- * the end, where that is damaged. */
+/* The mapping lies in the heap, which has no checksum, and libhdf5 (1.10.8) trusts it: where the heap is damaged,
+ * libhdf5 searches for ever, or past the end. */
 static bool heaps_end(const char *path, uint64_t bytes)
 {
     static const char begin[5] = "GCOL\1";
@@ -83,7 +83,7 @@ static bool heaps_end(const char *path, uint64_t bytes)
     return good;
 }
 
-/* Only a file without volumes of its own is read as a whole. */
+/* Whether the file is a joined one.  Only a file without volumes of its own is read as a whole (heaps_end). */
 static bool is_virtual(hid_t file, const char *path, uint64_t bytes)
 {
     bool candidate = file >= 0 && !vol_hdf5_filtered(file) &&
@@ -122,7 +122,7 @@ static bool stays_below(const char *name)
     return true;
 }
 
-/* First and number of sets that a selection has; whole sets are not asked for: volumes come from the part. */
+/* First set and number of sets of a selection.  It need not have whole sets, as volumes come from the part. */
 static bool bounds(hid_t space, uint64_t *first, uint64_t *n)
 {
     hsize_t lo[VOL_RANK], hi[VOL_RANK];
@@ -136,7 +136,7 @@ static bool bounds(hid_t space, uint64_t *first, uint64_t *n)
     return ok;
 }
 
-/* Mapping k behind the runs that there are, unless its part is not there. */
+/* Append mapping k to the runs, unless its part is not there. */
 static bool read_mapping(struct joined *r, hid_t p, size_t k)
 {
     char name[1024];
@@ -178,7 +178,7 @@ static pvx_err joined_read_read_numbers(struct joined *r, hid_t file, uint64_t b
                                         struct pvx_diag *d)
 {
     hid_t s = take_h5_open_table(file, "sets/number", H5T_STD_U64LE, 1, NULL, &r->sets);
-    bool ok = s >= 0 && r->sets > 0 && r->sets <= bytes; /* a number takes more than one */
+    bool ok = s >= 0 && r->sets > 0 && r->sets <= bytes; /* a number takes more than one byte */
     r->number = ok ? pvx_calloc(r->sets, sizeof *r->number) : NULL;
     if (r->number != NULL)
         ok = take_h5_read_rows(s, H5T_NATIVE_UINT64, 1, 1, 0, r->sets, r->number);
@@ -188,7 +188,7 @@ static pvx_err joined_read_read_numbers(struct joined *r, hid_t file, uint64_t b
     return ok ? r->number != NULL ? PVX_OK : PVX_ENOMEM : joined_read_wrong(r, d, "sets/number");
 }
 
-/* Sets that lie in no part that is there; *count: the others. */
+/* The gaps: sets that lie in no part that is there; *count: number of the other sets. */
 static pvx_err find_gaps(struct joined *r, uint64_t *count)
 {
     uint64_t k = 0;

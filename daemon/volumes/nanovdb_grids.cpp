@@ -20,7 +20,7 @@ namespace
 using nanovdb::Coord;
 using nanovdb::Vec3f;
 
-/* The nodes' place in a tree of one upper node: a grid of 4096 voxels a side has no more. */
+/* Voxels along a side of the nodes.  The tree has one upper node: a grid of 4096 voxels a side has no more. */
 constexpr int LOWER = 128, UPPER = 4096;
 
 struct Leaf {
@@ -73,7 +73,7 @@ struct Topology {
 constexpr int LANES = 4; /* of a sum: what gcc keeps in registers */
 constexpr float MOST = std::numeric_limits<float>::max();
 
-/* A brick's voxels in the order of a leaf, a channel behind the other, and which of them burn. */
+/* A brick's voxels in the order of a leaf, one channel behind the other, and which of them have flame. */
 struct Cells {
     float c[3][CELLS];
     float off[CELLS]; /* 0: some channel is not 0; else MOST */
@@ -100,7 +100,7 @@ struct Cells {
             for (int row = 0; row < SIDE; row++) {
                 uint64_t bytes;
                 memcpy(&bytes, on + (w * SIDE + row) * SIDE, sizeof bytes);
-                /* The product's highest byte has the lowest bit of each. */
+                /* The product's highest byte has the lowest bit of each byte. */
                 mask[w] |= bytes * 0x0102040810204080 >> 56 << row * SIDE;
             }
             count += nanovdb::CountOn(mask[w]);
@@ -108,8 +108,8 @@ struct Cells {
     }
 };
 
-/* NanoVDB's statistics, a leaf at once: its own take a voxel after the other, with a division each.  Of `scalar`, which is 0
- * where nothing burns; value(n) is what cell n stores. */
+/* NanoVDB's statistics, for a whole leaf at once: its own code takes one voxel after the other, with a division each.
+ * They are those of `scalar`, which is 0 where there is no flame; value(n) is what cell n stores. */
 template <typename T> struct Stats : nanovdb::Stats<T> {
     template <typename Value> void leaf(const float *scalar, const Cells &in, Value value)
     {
@@ -242,7 +242,7 @@ template <typename T, typename Value, typename Scalar> class SheetOf final : pub
     }
 
   private:
-    /* Every node to the one above it. */
+    /* Link every node to the one above it. */
     void join()
     {
         auto *t = tree->data();
@@ -306,7 +306,7 @@ size_t notes_bytes(size_t notes)
     return nanovdb::AlignUp<NANOVDB_DATA_ALIGNMENT>(n);
 }
 
-/* As blind data behind the grid. */
+/* Put the notes as blind data behind the grid. */
 void put_notes(nanovdb::GridData *g, const std::string &notes)
 {
     char *at = reinterpret_cast<char *>(g) + g->mGridSize;

@@ -1,8 +1,9 @@
-/* nanovdb_grids.h - NanoVDB grids straight from bricks, which have the size of its leaves; C++, inside the OpenVDB module.
+/* nanovdb_grids.h - NanoVDB grids made directly from bricks, which have the size of NanoVDB's leaves; C++, inside the
+ * OpenVDB module.
  *
- * No tree is built before: NanoVDB's tables are filled in place, wherever that is (a file's buffer, shared memory).  Nodes
- * lie in the order of openToNanoVDB, with its statistics (of vectors: of the square of their length); the checksum is
- * empty.  Grids and index coordinates: openvdb_shim.h.  They lie behind each other and know their number.
+ * No tree is built before: NanoVDB's tables are filled in place (a file's buffer, shared memory).  Nodes have the
+ * order and the statistics of openToNanoVDB (for vectors: of the square of their length); the checksum is empty.
+ * Grids and index coordinates: openvdb_shim.h.  Grids lie one behind the other, each with its index and their count.
  * Throws std::bad_alloc. */
 #ifndef VOL_NANOVDB_GRIDS_H
 #define VOL_NANOVDB_GRIDS_H
@@ -15,7 +16,7 @@ namespace vol
 
 constexpr int SIDE = 8, CELLS = SIDE * SIDE * SIDE;
 
-/* Where a brick's voxel (i, j, k) is in its leaf: z fastest there. */
+/* Index of a brick's voxel (i, j, k) in its leaf, where z is fastest. */
 inline unsigned leaf_cell(int i, int j, int k, bool y_up)
 {
     return static_cast<unsigned>(y_up ? i << 6 | k << 3 | (SIDE - 1 - j) : i << 6 | j << 3 | k);
@@ -32,15 +33,16 @@ inline Index leaf_origin(const vol_vdb_bricks &v, uint32_t id)
     return v.y_up ? Index{x, z, -SIDE - y} : Index{x, y, z};
 }
 
-/* What a scalar grid stores of a voxel's three channels. */
+/* The value that a scalar grid stores for a voxel of three channels. */
 inline float luminance(float red, float green, float blue)
 {
     return 0.2126f * red + 0.7152f * green + 0.0722f * blue;
 }
 
-/* Bytes that nano_make writes at most, whichever v.n_bricks bricks of the grid they are. */
+/* Bytes that nano_make writes at most, for any v.n_bricks bricks of the grid. */
 size_t nano_room(const vol_vdb_bricks &v, size_t notes);
-/* All grids of v to `out`, aligned to 32 bytes and of nano_room's size; how many bytes they are.  v.n: at most 4096. */
+/* Writes all grids of v to `out`, which is aligned to 32 bytes and has nano_room's size.  Returns the bytes written.
+ * v.n: at most 4096. */
 size_t nano_make(const vol_vdb_bricks &v, const std::string &notes, void *out);
 
 } // namespace vol

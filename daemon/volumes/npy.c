@@ -34,7 +34,7 @@ static void npy_hex(struct dmn_json *j, const char *key, uint64_t v)
     dmn_json_str(j, key, text);
 }
 
-/* The number comes from outside. */
+/* The number comes from outside and may be any. */
 static const char *status_name(uint32_t status)
 {
     return status <= REC_EMPTY ? rec_status_name((enum rec_status)status) : "unknown";
@@ -173,7 +173,7 @@ static pvx_err npy_put_list(const struct out *w, bool closed, struct pvx_diag *d
     return e;
 }
 
-/* An earlier recording is not written over, nor mixed with. */
+/* Make the folder.  An earlier recording is neither overwritten nor mixed with. */
 static pvx_err make_dir(const char *dir, struct pvx_diag *d)
 {
     char pattern[1200];
@@ -258,7 +258,7 @@ static pvx_err npy_put(void *self, const struct vol_volume *v, struct pvx_diag *
     return e;
 }
 
-/* Written again when their number has doubled, and at the end: many gaps must not cost their square. */
+/* The list is written when the number of gaps has doubled, and at the end, so that n gaps do not cost n squared. */
 static pvx_err volumes_npy_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
 {
     struct out *w = self;

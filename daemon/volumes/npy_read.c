@@ -1,4 +1,4 @@
-/* npy_read.c - the folder of npy.c read again; also folders and single files of `pyrovox reconstruct`. */
+/* npy_read.c - reads the folder of npy.c; also folders and single files of `pyrovox reconstruct`. */
 #include <errno.h>
 #include <glob.h>
 #include <inttypes.h>
@@ -51,7 +51,7 @@ static bool npy_is(const char *path)
     return found;
 }
 
-/* A whole number after "key": as it stands in the text: a double would lose nanoseconds. */
+/* The whole number after "key":, read from the text because a double would lose nanoseconds. */
 static int64_t npy_read_whole(const char *text, const char *key)
 {
     char quoted[48];
@@ -78,7 +78,7 @@ static double npy_read_number(const cJSON *o, const char *key)
     return cJSON_IsNumber(v) ? v->valuedouble : NAN;
 }
 
-/* A count of the file, which may be anything. */
+/* A count from the file, which may hold anything. */
 static uint32_t npy_read_count(const cJSON *o, const char *key)
 {
     double v = npy_read_number(o, key);
@@ -103,7 +103,7 @@ static bool npy_read_triple(const cJSON *o, const char *key, double out[3])
     return cJSON_GetArraySize(list) == 3;
 }
 
-/* As far as a message can carry it: up to what would move a terminal's cursor. */
+/* The text up to its first control character, cut to size. */
 static void npy_read_text_of(const cJSON *o, const char *key, char *out, size_t size)
 {
     const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));

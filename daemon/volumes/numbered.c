@@ -160,7 +160,7 @@ static pvx_err numbered_grow(void **array, size_t n, size_t *cap, size_t one)
     return PVX_OK;
 }
 
-/* The file of `from` again: a link, or a copy where there are none (or no more of this one). */
+/* Repeat the file of frame `from`: as a link, or as a copy if no (more) links are possible. */
 static pvx_err numbered_again(struct vol_numbered *n, uint64_t from, uint64_t frame,
                               struct pvx_diag *d)
 {
@@ -179,7 +179,7 @@ static pvx_err numbered_again(struct vol_numbered *n, uint64_t from, uint64_t fr
     return e;
 }
 
-/* Fills what is missing before `frame` with the set before. */
+/* Fill the missing frames before `frame` with the set before. */
 static pvx_err numbered_fill(struct vol_numbered *n, uint64_t frame, struct pvx_diag *d)
 {
     struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;

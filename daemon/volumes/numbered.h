@@ -1,12 +1,12 @@
-/* numbered.h - files that are numbered without holes, as Blender and Unreal want them: DIR/NAME_0001.vdb and on,
- * NAME being the folder's, and DIR/NAME.json, which says what each shows.
+/* numbered.h - files numbered without holes, as Blender and Unreal want them: DIR/NAME_0001.vdb and on, where NAME is
+ * the folder's name, and DIR/NAME.json, which says what each file shows.
  *
- * Frame = 1 + set - first set; with `fps` = 1 + round((time - first time) * fps).  A frame without a volume
- * of its own is the one before again (a link where the file system has links); a volume whose frame is taken
- * is left out.  A new session, a hole of more than VOL_HOLE_MAX frames and, with `fps`, a clock that was set back go on with the
- * next frame.
- * NAME.json, rig.yaml and pyrovoxd.yaml lie beside the files; NAME.json is written at the beginning and, with
- * `closed` true and what each frame shows, at the end.  Where it is not closed the recording was cut off: the files
+ * Frame = 1 + set - first set; with `fps` = 1 + round((time - first time) * fps).  A frame without a volume of its
+ * own repeats the one before (as a link if the file system has links).  A volume whose frame is taken is left out.
+ * Counting goes on with the next frame after a new session, after a hole of more than VOL_HOLE_MAX frames and, with
+ * `fps`, after a clock that was set back.
+ * NAME.json, rig.yaml and pyrovoxd.yaml lie beside the files.  NAME.json is written at the beginning, and again at
+ * the end with `closed` true and what each frame shows.  If it is not closed, the recording was cut off: the files
  * that are there are whole, and vol_repair_folder makes the list from them.
  * Threads: one at a time. */
 #ifndef VOL_NUMBERED_H
@@ -18,12 +18,13 @@
 typedef struct vol_numbered vol_numbered;
 /* Makes the folder.  PVX_EBUSY: something is in it. */
 PVX_MUST_CHECK pvx_err vol_numbered_check(const char *dir, struct pvx_diag *d);
-/* `ext` of the files, without its dot: constant text.  Errors: PVX_EBUSY, something is in the folder; others of pvx_mkdirs. */
+/* ext: ending of the files without its dot, constant text.  Errors: PVX_EBUSY (something is in the folder), those of
+ * pvx_mkdirs. */
 PVX_MUST_CHECK pvx_err vol_numbered_new(const char *dir, const char *ext,
                                         const struct vol_head *head, const struct vol_options *o,
                                         vol_numbered **out, struct pvx_diag *d);
-/* The files that are there already, to list them anew; `any`: the name of one of them.  What they show is said by
- * vol_numbered_found, in order; the rate is taken from the list that is there. */
+/* Begins a new list of the files that are there already.  any: the name of one of them.  Then call vol_numbered_found
+ * for each file, in order.  The rate is taken from the old list. */
 PVX_MUST_CHECK pvx_err vol_numbered_again(const char *dir, const char *any, const char *ext,
                                           const struct vol_head *head, const struct vol_options *o,
                                           vol_numbered **out, struct pvx_diag *d);
@@ -37,7 +38,7 @@ PVX_MUST_CHECK pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume
                                         const void *data, size_t len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_numbered_gap(vol_numbered *n, const struct vol_gap *g);
 uint64_t vol_numbered_bytes(const vol_numbered *n);
-/* Writes NAME.json, closed.  *n is gone afterwards, whatever is returned. */
+/* Writes NAME.json, closed.  Frees *n, whatever is returned. */
 pvx_err vol_numbered_close(vol_numbered **n, struct pvx_diag *d);
-void vol_numbered_drop(vol_numbered **n); /* as it is, without the list */
+void vol_numbered_drop(vol_numbered **n); /* frees it without writing the list */
 #endif

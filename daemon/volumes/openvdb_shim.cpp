@@ -234,7 +234,7 @@ int nano_make(const vol_vdb_bricks *v, void *out, size_t *size, char *err, size_
     });
 }
 
-/* A grid of several as one alone, with its checksum. */
+/* Copy one grid of several into a handle of its own, with its checksum. */
 Nano alone(const nanovdb::GridData *from)
 {
     auto buffer = nanovdb::HostBuffer::create(from->mGridSize);
@@ -262,7 +262,7 @@ int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t er
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);
-        /* The header is written last, over a hole that a stream in memory has to have already. */
+        /* The header is written last, over a hole that must already exist in a stream in memory. */
         os << std::string(4096, '\0');
         os.seekp(0);
         nanovdb::io::writeGrids(os, all);

@@ -1,15 +1,15 @@
 /* openvdb_shim.h - what the OpenVDB module (lib/pyrovox/pyrovox-openvdb.so) offers, as plain C.
  *
  * The module is C++ and is loaded with dlopen by vdb_module.c on first use; it exports one function,
- * vol_vdb_module.  Nothing throws across this border: every entry returns a pvx_err value as int and
+ * vol_vdb_module.  No exception crosses this border: every entry returns a pvx_err value as int and
  * puts a line into `err` when that is not 0.  Buffers that it gives are from malloc.
- * Files are bytes in memory: who calls writes them, so that a full disk is seen and files are whole.
- * Bricks are volumes.h's; a brick is a leaf of the tree, so nothing is ever dense.
+ * Files are bytes in memory.  The caller writes them, so that a full disk is noticed and files are whole.
+ * Bricks are those of volumes.h.  A brick is a leaf of the tree, so nothing is ever dense.
  *
  * Index coordinates: voxel (i, j, k) is at (i, j, k); with y_up at (i, k, -1-j), which turns z up into y up
  * and leaves bricks on leaves.  World = origin + spacing * index, so a voxel's centre is on whole numbers.
  * Grids: `density`, luminance (Rec. 709), and with three channels `emission` of vectors, or with `split`
- * red, green, blue.  Active is where some channel is not 0.
+ * red, green, blue.  A voxel is active if some channel is not 0.
  * .vdb is saved as half (values cut to +-65504), .nvdb as float.
  * The notes are a .vdb's metadata; NanoVDB has none, so there they are blind data of the first grid, called
  * VOL_NVDB_NOTES, in the same bytes as in a .vdb. */
@@ -59,17 +59,17 @@ struct vol_vdb {
                      size_t err_size) VOL_VDB_NOEXCEPT;
     int (*write_nvdb)(const struct vol_vdb_bricks *v, struct vol_vdb_bytes *out, char *err,
                       size_t err_size) VOL_VDB_NOEXCEPT;
-    /* The bricks of a file.  OpenVDB and NanoVDB trust what they read and may crash on damaged bytes: for a process
-     * of its own, whose answer is checked (vdb_child.c).  n, channels, split and y_up are given, ids and brick are
-     * from malloc.  PVX_EFORMAT: not such a file, or of other grids; PVX_ECORRUPT: a value that is not finite, a
-     * leaf outside the grid. */
+    /* Read the bricks of a file.  OpenVDB and NanoVDB trust what they read and may crash on damaged bytes.  So call
+     * this in a process of its own and check its answer (vdb_child.c).  n, channels, split and y_up are input; ids
+     * and brick are output, from malloc.  PVX_EFORMAT: not such a file, or of other grids; PVX_ECORRUPT: a value that
+     * is not finite, a leaf outside the grid. */
     int (*read_vdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
                     size_t err_size) VOL_VDB_NOEXCEPT;
     int (*read_nvdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
                      size_t err_size) VOL_VDB_NOEXCEPT;
-    /* The grids of a .nvdb as they lie in memory, behind each other, without checksums.  nano_room: bytes that any
-     * n_bricks bricks of the grid need at most.  nano_make: out is aligned to 32 bytes and has them; *size: used.
-     * nano_version: as a grid's head has it. */
+    /* The grids of a .nvdb as they lie in memory, one behind the other, without checksums.  nano_room: bytes that any
+     * n_bricks bricks of the grid need at most.  nano_make: out has that size and is aligned to 32 bytes; *size:
+     * bytes used.  nano_version: as in a grid's head. */
     uint32_t nano_version;
     size_t (*nano_room)(const struct vol_vdb_bricks *v) VOL_VDB_NOEXCEPT;
     int (*nano_make)(const struct vol_vdb_bricks *v, void *out, size_t *size, char *err,

@@ -76,7 +76,7 @@ static bool is_number(const cJSON *v, double lo, double hi)
     return cJSON_IsNumber(v) && v->valuedouble >= lo && v->valuedouble <= hi;
 }
 
-/* (ranges) back; NULL: they are none, or not ascending. */
+/* The inverse of ranges; NULL: they are none, or not ascending. */
 static uint32_t *parts_numbers(const cJSON *all, size_t *n)
 {
     const cJSON *run;
@@ -173,7 +173,7 @@ static void other_line(const char *a, const char *b, char *out, size_t size)
     snprintf(out, size, "nothing");
 }
 
-/* One line that names what is not as it was. */
+/* Compare with the job as it was begun; the error names what differs. */
 static pvx_err parts_compare(const struct parts_job *was, const struct parts_job *j,
                              struct pvx_diag *d)
 {

@@ -8,7 +8,7 @@
 #include "base/mem.h"
 #include "daemon/volumes/volumes.h"
 
-/* Asked in this order whether a path is theirs. */
+/* Readers, asked in this order whether the path has their format. */
 static const struct {
     enum vol_format format;
     const struct vol_reader_ops *ops;

@@ -86,7 +86,7 @@ static pvx_err volumes_roll(vol_recorder *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* *i is gone, or kept. */
+/* Carry out one item.  A session's item is kept, and *i becomes NULL. */
 static pvx_err recorder_carry_out(vol_recorder *r, struct item **i, struct pvx_diag *d)
 {
     switch ((*i)->kind) {

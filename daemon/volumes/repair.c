@@ -1,5 +1,5 @@
-/* repair.c - folders of volumes that were cut off: a kill leaves whole files and a list that is not closed, a power
- * cut or a copy that ended early also files that are not whole. */
+/* repair.c - repairs folders of volumes that were cut off.  A kill leaves whole files and a list that is not closed.
+ * A power cut, or a copy that ended early, also leaves files that are not whole. */
 #include <dirent.h>
 #include <errno.h>
 #include <limits.h>

@@ -7,7 +7,7 @@
 
 #define SHM         "/dev/shm"
 #define DATA_OFFSET 4096u
-#define TRIES       100 /* names that come and go meanwhile */
+#define TRIES       100 /* the name may come and go meanwhile */
 
 _Static_assert(sizeof(struct pvp_share_head) == 64 && sizeof(struct pvp_share_slot) == 64,
                "PROTOCOL.md");
@@ -26,8 +26,8 @@ static struct pvp_share_slot *segment_slot_of(const struct vol_segment *s, uint6
     return (struct pvp_share_slot *)(s->head + 1) + number % PVP_SHARE_SLOTS;
 }
 
-/* OFD: of the open file, not of the process, so that it is seen by a reader in this process too and nothing but the last
- * close drops it. */
+/* An OFD lock belongs to the open file, not to the process.  So a reader in this process sees it too, and only the
+ * last close drops it. */
 static bool lock(int fd)
 {
     struct flock l = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
@@ -56,7 +56,7 @@ static void segment_drop(struct vol_segment *s)
     s->fd = -1;
 }
 
-/* Memory for bytes from..to of the file, which it keeps: a write never meets a full /dev/shm. */
+/* Get memory for bytes from..to of the file, which keeps it, so that a write never meets a full /dev/shm. */
 static int segment_back(int fd, uint64_t from, uint64_t to)
 {
     int e = 0;
@@ -120,7 +120,7 @@ static pvx_err of_another(const struct vol_segment *s, struct pvx_diag *d)
                     s->path, who != NULL ? who->pw_name : "?", (unsigned)st.st_uid);
 }
 
-/* What has the name already, open on `fd`: PVX_OK, it has been removed or was gone. */
+/* Remove a dead segment that has the name, open on `fd`.  PVX_OK: it has been removed or was gone. */
 static pvx_err remove_dead(const struct vol_segment *s, int fd, struct pvx_diag *d)
 {
     struct stat st;
@@ -138,7 +138,7 @@ static pvx_err remove_dead(const struct vol_segment *s, int fd, struct pvx_diag 
         return pvx_fail(d, PVX_EBUSY,
                         "%s: process %u shares under that name: choose another, or end that one",
                         s->path, h.writer);
-    /* Of two that come at once only one gets here with what still has the name. */
+    /* Of two writers at once, only one gets here while the file still has the name. */
     if (is_at(fd, s->path) && unlink(s->path) != 0 && errno != ENOENT)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", s->path, strerror(errno));
     return PVX_OK;
@@ -172,7 +172,7 @@ static pvx_err give_name(const struct vol_segment *s, struct pvx_diag *d)
     return pvx_fail(d, PVX_EBUSY, "%s: others take that name: choose another", s->path);
 }
 
-/* Readers first: who sees that the name has gone or is another's has seen why. */
+/* Set `ended` first: a reader that finds the name gone, or on another file, has then seen why. */
 static void segment_end(struct vol_segment *s)
 {
     if (s->head == NULL)
@@ -248,7 +248,7 @@ pvx_err vol_segment_begin(vol_segment *s, uint64_t bytes, void **grids, struct p
             return no_room(s, why, d);
         s->backed[k] = bytes;
     }
-    /* Whoever sees anything of what is written from now on sees the lock too. */
+    /* A reader that sees anything of what is written from now on sees the lock too. */
     __atomic_store_n(&segment_slot_of(s, number)->lock, 2 * number - 1, __ATOMIC_RELAXED);
     PVP_SHARE_FENCE(__ATOMIC_RELEASE);
     *grids = (char *)s->head + at;

@@ -78,13 +78,13 @@ static void bound(const struct vol_vdb_bricks *v)
         signal(crash[i], SIG_DFL);
     signal(SIGPIPE, SIG_IGN);
     int nowhere =
-        open("/dev/null", O_WRONLY | O_CLOEXEC); /* for what the library says of damaged bytes */
+        open("/dev/null", O_WRONLY | O_CLOEXEC); /* for the library's words about damaged bytes */
     if (nowhere >= 0)
         for (int stream = STDOUT_FILENO; stream <= STDERR_FILENO; stream++)
             dup2(nowhere, stream);
 }
 
-/* The child's whole life. */
+/* All that the child process does. */
 static void vdb_child_serve(vol_vdb_read_fn *decode, int fd, const void *bytes, size_t len,
                             struct vol_vdb_bricks *v)
 {

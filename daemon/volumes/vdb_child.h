@@ -1,5 +1,5 @@
-/* vdb_child.h - OpenVDB reads a file in a process of its own: it trusts what it reads, and damaged bytes make it
- * crash or ask for all memory.  That process is bounded, and nothing that comes from it is believed unchecked. */
+/* vdb_child.h - lets OpenVDB read a file in a process of its own, since it trusts what it reads: damaged bytes make
+ * it crash or ask for all memory.  That process has limits, and everything that comes from it is checked. */
 #ifndef VOL_VDB_CHILD_H
 #define VOL_VDB_CHILD_H
 #include "base/err.h"

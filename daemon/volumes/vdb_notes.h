@@ -1,5 +1,5 @@
-/* vdb_notes.h - what a .vdb or .nvdb says of its volume beside the grids, and back: everything that came with it on the
- * wire, so that a file can be understood alone and played again.
+/* vdb_notes.h - the notes that a .vdb or .nvdb has beside its grids, written and read: everything that came with its
+ * volume on the wire, so that a file can be understood alone and played again.
  *
  * Keys are the wire's fields (PROTOCOL.md); 64-bit identities are text of 16 hexadecimal digits.  Threads: pure. */
 #ifndef VOL_VDB_NOTES_H
@@ -17,11 +17,11 @@ struct vol_vdb_about {
     double unit_m;
 };
 
-/* note [VOL_VDB_NOTES_MAX] out; how many. */
+/* Fills note [VOL_VDB_NOTES_MAX].  Returns their number. */
 size_t vol_vdb_notes_make(const struct vol_vdb_about *a, struct vol_vdb_note *note);
-/* The notes of a .vdb, its metadata; of a .nvdb, the blind data of its first grid (openvdb_shim.h): read here, as
- * OpenVDB and NanoVDB trust every length.  note [VOL_VDB_NOTES_MAX] out, those of kinds that pyrovox writes.
- * PVX_EFORMAT. */
+/* Loads the notes: the metadata of a .vdb, or the blind data of a .nvdb's first grid (openvdb_shim.h).  They are
+ * parsed here, because OpenVDB and NanoVDB trust every length.  note [VOL_VDB_NOTES_MAX] gets those of the kinds that
+ * pyrovox writes.  PVX_EFORMAT. */
 PVX_MUST_CHECK pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name,
                                           struct vol_vdb_note *note, size_t *n, struct pvx_diag *d);
 /* PVX_EFORMAT: not from pyrovox, or a key is missing or outside its range (diag names it); PVX_EVERSION.
@@ -29,7 +29,7 @@ PVX_MUST_CHECK pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name,
 PVX_MUST_CHECK pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n,
                                           const char *name, struct vol_vdb_about *out,
                                           struct pvx_diag *d);
-/* All that the file `path` says of its volume.  Errors: of both, and those of opening it. */
+/* Loads all that the notes of file `path` say.  Errors: those of the two functions above, and of opening it. */
 PVX_MUST_CHECK pvx_err vol_vdb_about_load(const char *path, bool nano, struct vol_vdb_about *out,
                                           struct pvx_diag *d);
 #endif

@@ -1,5 +1,5 @@
-/* vdb_read.c - numbered .vdb or .nvdb files (or one) as a recording again.  What stands in their notes is believed
- * within bounds (vdb_notes.h); the rest is OpenVDB's to read, where it can do no harm (vdb_child.h). */
+/* vdb_read.c - reads numbered .vdb or .nvdb files (or one) as a recording.  Values in their notes are checked against
+ * bounds (vdb_notes.h).  OpenVDB reads the rest, where it can do no harm (vdb_child.h). */
 #include <dirent.h>
 #include <errno.h>
 #include <limits.h>

@@ -1,7 +1,7 @@
 /* volumes.h - recordings of volumes: one writer and one reader for all formats.
  *
- * A volume here is what travels on the wire: bricks of PVP_BRICK^3 voxels (PROTOCOL.md), only those with
- * flame, ids ascending; inside a brick x fastest, channel innermost; what of a brick lies outside the grid is 0.
+ * A volume here has the form that it has on the wire: bricks of PVP_BRICK^3 voxels (PROTOCOL.md), only those with
+ * flame, ids ascending.  Inside a brick x is fastest and the channel innermost; voxels outside the grid are 0.
  * So no format needs a dense copy unless its file is dense.
  * Threads: a writer or a reader belongs to one thread at a time. */
 #ifndef VOL_VOLUMES_H
@@ -22,7 +22,7 @@ struct vol_head {
 
 struct vol_volume {
     struct pvp_volume v;
-    enum pvp_sample sample; /* as it travelled */
+    enum pvp_sample sample; /* as on the wire */
     bool clamped;           /* PVP_FLAG_CLAMPED */
     uint32_t n_bricks;
     const uint32_t *ids; /* [n_bricks] */
@@ -48,14 +48,14 @@ struct vol_options {
     bool split;    /* vdb, nvdb: three grids red, green, blue instead of one of vectors */
     bool y_up;     /* vdb, nvdb: y points up */
     double unit_m; /* vdb, nvdb: metres in the file's unit of length; 0 = 1 */
-    double fps;    /* vdb, nvdb: frames a second of the numbered files; 0 = one file a set */
+    double fps;    /* vdb, nvdb: frames per second of the numbered files; 0 = one file per set */
     uint64_t keep_free_bytes; /* end before the disk has less */
 };
 
 typedef struct vol_writer vol_writer;
-/* Whether a recording could begin there: what vol_writer_open would find, before there is a head. */
+/* Checks that a recording could begin there, as vol_writer_open does, but before there is a head. */
 PVX_MUST_CHECK pvx_err vol_writer_check(enum vol_format f, const char *path, struct pvx_diag *d);
-/* `path`: a file (hdf5), a folder to make (npy, vdb, nvdb).  Nothing is written over.
+/* `path`: a file (hdf5), a folder to make (npy, vdb, nvdb).  Nothing is overwritten.
  * Errors: PVX_EBUSY (is there already), PVX_ENOENT, PVX_EPERM, PVX_ENOSPC, PVX_EUNSUP (the module or package
  * is not installed: names it); the diag names the file. */
 PVX_MUST_CHECK pvx_err vol_writer_open(enum vol_format f, const char *path,
@@ -66,15 +66,15 @@ PVX_MUST_CHECK pvx_err vol_writer_open(enum vol_format f, const char *path,
 PVX_MUST_CHECK pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v,
                                       struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d);
-/* Volumes come faster than they are written: compress less rather than lose them. */
+/* on: volumes come faster than they are written, so compress less rather than lose some. */
 void vol_writer_hurry(vol_writer *w, bool on);
 uint64_t vol_writer_bytes(const vol_writer *w); /* on disk, so far */
-/* Finishes the file.  *w is gone afterwards, whatever is returned. */
+/* Finishes the file.  Frees *w, whatever is returned. */
 pvx_err vol_writer_close(vol_writer **w, struct pvx_diag *d);
 
 typedef struct vol_reader vol_reader;
-/* Which format it is the file or folder says.  A recording that is cut off or still being written is read as far
- * as it is whole; vol_reader_cut says so.
+/* The format follows from the file or folder.  A recording that is cut off or still being written is read as far
+ * as it is whole; then vol_reader_cut is true.
  * Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EVERSION (of a later version), PVX_ECORRUPT, PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d);
 enum vol_format vol_reader_format(const vol_reader *r);
@@ -86,13 +86,13 @@ PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volu
                                       struct pvx_diag *d);
 /* Gaps, in order; NULL at the end. */
 const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k);
-/* Sets that are to come: of a recording in parts, those that no part has (join.h). */
+/* Number of sets still to come: of a recording in parts, those that no part has (join.h). */
 uint64_t vol_reader_unsolved(const vol_reader *r);
 void vol_reader_close(vol_reader **r);
 
-/* A folder (npy, vdb, nvdb) that was cut off is finished where it is: files that are damaged are put aside as
- * FILE.cut-off, the list of the others is made anew and closed.  *good, *bad: how many files there are; *done: there was
- * something to do. */
+/* Finishes a folder (npy, vdb, nvdb) that was cut off, in place: damaged files are renamed to FILE.cut-off, and the
+ * list of the others is made anew and closed.  *good, *bad: number of such files; *done: there was something to
+ * do. */
 PVX_MUST_CHECK pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *done,
                                          struct pvx_diag *d);
 

@@ -57,7 +57,7 @@ static void voxels_add_row(struct vol_voxels *x, const float *in, uint32_t i0, s
     }
 }
 
-/* Bricks from..to lie in one row of bricks: their voxels of the row (j, k) of them. */
+/* Add the voxels of layer k of bricks from..to, which lie in one row of bricks: for each j, those of all bricks. */
 static void add_rows(struct vol_voxels *x, const struct vol_volume *v, uint32_t from, uint32_t to,
                      uint32_t k)
 {

@@ -65,7 +65,7 @@ pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_he
     return PVX_OK;
 }
 
-/* What a disk refused once is not tried again: the file stays as it was. */
+/* After an error of the disk nothing more is written: the file stays as it was. */
 static pvx_err writer_note(vol_writer *w, pvx_err e)
 {
     if (e == PVX_ENOSPC || e == PVX_EIO || e == PVX_EPERM)
@@ -80,7 +80,7 @@ static pvx_err is_broken(const vol_writer *w, struct pvx_diag *d)
                                           pvx_strerror(w->broken));
 }
 
-/* Room for the volume as it is in memory: a little more than most formats need. */
+/* Whether there is room for the volume's size in memory, which is a little more than most formats need. */
 static pvx_err writer_has_room(const vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct statvfs st;
@@ -98,7 +98,7 @@ static pvx_err writer_has_room(const vol_writer *w, const struct vol_volume *v, 
                           (double)w->keep_free_bytes * 1e-9);
 }
 
-/* An HDF5 file that is deleted could be written on for hours, into nothing. */
+/* Whether the file still exists.  A deleted HDF5 file could be written on for hours, and nothing would remain. */
 static pvx_err writer_is_there(const vol_writer *w, struct pvx_diag *d)
 {
     return access(w->path, F_OK) == 0 || errno != ENOENT
@@ -119,7 +119,7 @@ pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_dia
     pvx_err e = writer_has_room(w, v, &own);
     if (e == PVX_OK)
         e = w->ops->put(w->self, v, &own);
-    if (writer_is_there(w, &gone) != PVX_OK) { /* says more than what became of it in the format */
+    if (writer_is_there(w, &gone) != PVX_OK) { /* says more than the format's own error */
         e = PVX_EIO;
         own = gone;
     }
