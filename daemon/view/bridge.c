@@ -29,15 +29,15 @@ struct view_bridge {
     struct view_bridge_stats stats;
     int64_t link_ns, came_ns; /* came: the last message, 0 none yet */
     uint64_t links;
-    char said[PVX_DIAG_MAX]; /* last, */
-    int64_t said_ns;         /* so that it is not said all the time */
+    char said[PVX_DIAG_MAX]; /* the last trouble that was told, */
+    int64_t said_ns;         /* and when, so that it is not told all the time */
     void (*say)(const char *line);
 };
 
 static void bridge_leave(struct view_bridge *b, struct seat *s);
 
-/* A free seat; where there is none, that of whoever has waited longest at the door.  As many seats as pages may come
- * in are never taken by those who have not shown a token. */
+/* Find a free seat.  If there is none, take that of the page without a token that has waited longest.  A page that
+ * was let in keeps its seat. */
 static struct seat *seat_for(struct view_bridge *b)
 {
     struct seat *oldest = NULL;
@@ -163,7 +163,7 @@ static void take_one(struct view_bridge *b, const struct pvp_header *h, const vo
     bridge_tell(b, e, &d);
 }
 
-/* What is there, up to a limit; true: there may be more. */
+/* Take the messages that are there, up to a limit; true: there may be more. */
 static bool bridge_take(struct view_bridge *b)
 {
     for (int i = 0; i < TURN_MAX; i++) {
@@ -192,7 +192,7 @@ static const char *bridge_ms(view_page *p, enum view_way way, int64_t now, char 
     return out;
 }
 
-/* What a page is told once a second of the way to it. */
+/* What a page is told once a second about the link to it. */
 static void link_text(struct view_bridge *b, view_page *p, char *out, size_t size)
 {
     char drawn[64], held[64], whole[64];
@@ -215,7 +215,7 @@ static void link_text(struct view_bridge *b, view_page *p, char *out, size_t siz
              b->orders != NULL ? view_orders_text(b->orders) : "");
 }
 
-/* One page too many has the right token, too: it is told. */
+/* A page beyond the limit has the right token too, so it is told why it is closed. */
 static void no_more(struct view_bridge *b, view_page *p, uint64_t let_in)
 {
     if (let_in <= VIEW_PAGES_MAX || view_page_closing(p))

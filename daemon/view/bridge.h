@@ -1,7 +1,7 @@
-/* bridge.h - volumes to pages: a source's messages on a shelf, HTTP and WebSockets around it, one loop.
+/* bridge.h - brings volumes to pages: a source's messages on a shelf, HTTP and WebSockets around it, in one loop.
  *
- * A WebSocket message is a message of PROTOCOL.md as the daemon made it; what is packed by Zstandard is packed anew as LZ4.
- * The bridge only subscribes: whatever pages do, the daemon does not wait.
+ * A WebSocket message is a message of PROTOCOL.md as the daemon made it, except that Zstandard data are packed anew
+ * as LZ4.  The bridge only subscribes, so the daemon never waits for a page.
  * Threads: all in view_bridge_run.  Memory: the newest message of each kind, and one on its way to each page. */
 #ifndef VIEW_BRIDGE_H
 #define VIEW_BRIDGE_H
@@ -12,7 +12,7 @@
 
 #define VIEW_PAGES_MAX 16
 #define VIEW_SEATS \
-    (VIEW_PAGES_MAX + 16) /* those at the door, who have yet to show a token, among them */
+    (VIEW_PAGES_MAX + 16) /* seats of pages that have yet to show a token are among them */
 
 struct view_bridge_stats {
     struct view_http_stats http;
@@ -21,14 +21,14 @@ struct view_bridge_stats {
     struct view_page_stats gone; /* of pages that have left, volumes only */
 };
 typedef struct view_bridge view_bridge;
-/* p: gate, listen, cert and key.  orders: NULL, pages only look.  The source and orders are the bridge's from now on, on
- * error too. */
+/* p: gate, listen, cert and key.  orders NULL: pages can only look.  The bridge owns source and orders from now on,
+ * on error too. */
 PVX_MUST_CHECK pvx_err view_bridge_new(const struct view_http_params *p,
                                        const struct view_source *source, view_orders *orders,
                                        view_bridge **out, struct pvx_diag *d);
 void view_bridge_free(view_bridge **b);
 const char *view_bridge_at(const view_bridge *b);
-/* Until stop says so (asked five times a second).  say: one line on what went wrong, for people; may be NULL. */
+/* Runs until stop returns true (asked five times a second).  say gets one line on what went wrong; may be NULL. */
 void view_bridge_run(view_bridge *b, bool (*stop)(void *ctx), void (*say)(const char *line),
                      void *ctx);
 void view_bridge_stats(const view_bridge *b, struct view_bridge_stats *out);

@@ -26,7 +26,7 @@ static pvx_err certificate_when(const char *file, gnutls_x509_crt_t crt, struct 
                     now > to ? "make a new one" : "is this host's clock right?");
 }
 
-/* Both read: do they belong together, today? */
+/* Whether certificate and key, both read, belong together and are valid today. */
 static pvx_err certificate_look(const char *cert_file, const char *key_file, const char *cert,
                                 const char *key, gnutls_certificate_credentials_t *out,
                                 struct pvx_diag *d)

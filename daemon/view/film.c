@@ -1,4 +1,4 @@
-/* film.c - a recording as a source: plays at its own rate, over and over, and goes where a page says. */
+/* film.c - a recording as a source: it plays at its own rate, over and over, and goes where a page says. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -40,7 +40,7 @@ static int64_t film_due_ns(void *self)
     return f->playing ? f->due : INT64_MAX;
 }
 
-/* When the volume behind the one that was exposed at `now` is due. */
+/* Set when the volume after the one of this exposure is due. */
 static void wait_for_next(struct film *f, int64_t exposure)
 {
     int64_t gap = f->last_exposure != 0 ? exposure - f->last_exposure : 0;

@@ -91,7 +91,7 @@ pvx_err view_gate_name(const char *text, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* The four bytes of an IPv4 address, be it in IPv6's clothes; NULL: none. */
+/* The four bytes of an IPv4 address, also of one mapped into IPv6; NULL: it is none. */
 static const uint8_t *as_four(const struct sockaddr_storage *a)
 {
     if (a->ss_family == AF_INET)

@@ -19,8 +19,8 @@
 #include "daemon/view/files.h"
 #include "daemon/view/tls.h"
 
-#define UNSENT_BYTES 16384 /* the kernel takes no more beyond what is under way */
-#define GONE_MS      30000 /* sent and not acknowledged: the other end is no more */
+#define UNSENT_BYTES 16384 /* beyond what is under way the kernel takes no more */
+#define GONE_MS      30000 /* after so long without an acknowledgement the other end is gone */
 
 /* A connection that has not yet made its request. */
 struct waiting {
@@ -197,7 +197,7 @@ static enum MHD_Result http_answer(void *ctx, struct MHD_Connection *c, const ch
                       f->type);
 }
 
-/* Of a TCP connection. */
+/* Set the options of a TCP connection. */
 static void http_prepare(int fd)
 {
     int on = 1, unsent = UNSENT_BYTES, gone = GONE_MS;
@@ -272,7 +272,7 @@ static bool come(void *ctx, int fd, const struct sockaddr *from, socklen_t len)
     return MHD_add_connection(h->mhd, fd, from, len) == MHD_YES;
 }
 
-/* fd is its own, on error too. */
+/* It owns fd, on error too. */
 static pvx_err http_start(struct view_http *h, int fd, struct pvx_diag *d)
 {
     bool tls = h->p.cert != NULL;
@@ -359,7 +359,7 @@ void view_http_run(view_http *h)
     int64_t now = pvx_now_mono();
     for (size_t i = 0; i <= VIEW_HTTP_CLIENTS; i++)
         if (h->waiting[i].c != NULL && now - h->waiting[i].since > VIEW_HTTP_PATIENCE_NS) {
-            /* libmicrohttpd's own limit begins anew with every byte */
+            /* libmicrohttpd's own limit starts again with every byte */
             shutdown(socket_of(h->waiting[i].c), SHUT_RDWR);
             h->waiting[i].c = NULL;
             h->stats.late++;

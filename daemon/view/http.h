@@ -1,7 +1,7 @@
-/* http.h - HTTP by libmicrohttpd: the page's files, and the way up to a WebSocket.
+/* http.h - HTTP by libmicrohttpd: the page's files, and the upgrade to a WebSocket.
  *
- * Runs where view_http_run is called, no thread of its own.  Nothing of a request is written anywhere.  Every connection
- * serves one request, has VIEW_HTTP_PATIENCE_NS to make it in, and what may wait at once is bounded.
+ * It runs in view_http_run, without a thread of its own.  Nothing of a request is written anywhere.  Every connection
+ * serves one request and has VIEW_HTTP_PATIENCE_NS to make it.  The number of connections that wait is bounded.
  * Threads: one. */
 #ifndef VIEW_HTTP_H
 #define VIEW_HTTP_H
@@ -33,10 +33,10 @@ typedef struct view_http view_http;
 PVX_MUST_CHECK pvx_err view_http_new(const struct view_http_params *p, view_http **out,
                                      struct pvx_diag *d);
 void view_http_free(view_http **h); /* after every handle was dropped */
-/* Where it listens, "127.0.0.1:8737"; as long as h. */
+/* Where it listens, "127.0.0.1:8737"; valid as long as h. */
 const char *view_http_at(const view_http *h);
 #define VIEW_HTTP_FDS 2
-int view_http_fds(const view_http *h, struct pollfd out[VIEW_HTTP_FDS]); /* to wait for; how many */
+int view_http_fds(const view_http *h, struct pollfd out[VIEW_HTTP_FDS]); /* to wait for; count */
 int64_t view_http_due_ns(const view_http *h); /* mono clock: run it then at the latest */
 void view_http_run(view_http *h);
 void view_http_drop(void *handle);

@@ -24,7 +24,7 @@ struct view_orders {
     int64_t until_ns;
     unsigned asked;
     char said[SAID_MAX], text[VIEW_ORDER_TEXT];
-    struct pvx_diag refusal; /* "": it did not turn us away since it last took something */
+    struct pvx_diag refusal; /* "": the daemon has not refused us since it last took an order */
 };
 
 static const struct {
@@ -78,7 +78,8 @@ pvx_err view_orders_new(const char *endpoint, const char *key, view_orders **out
     if (e == PVX_OK && key != NULL)
         e = pvp_auth_client(o->socket, key, d);
     if (e == PVX_OK) {
-        /* answers to orders that were given up are not taken for those to later ones; nothing waits for a daemon */
+        /* An answer to an order that was given up is not taken for one to a later order.  No order waits for a
+         * daemon that is not there. */
         zmq_setsockopt(o->socket, ZMQ_REQ_RELAXED, &one, sizeof one);
         zmq_setsockopt(o->socket, ZMQ_REQ_CORRELATE, &one, sizeof one);
         zmq_setsockopt(o->socket, ZMQ_IMMEDIATE, &one, sizeof one);
@@ -106,7 +107,7 @@ void view_orders_free(view_orders **o)
     PVX_FREE(*o);
 }
 
-/* An order that is under way when the daemon turns us away waits for its minute. */
+/* Note that the daemon has refused us.  An order that is under way then still waits for its minute. */
 static void look_at_door(view_orders *o)
 {
     struct pvx_diag why = {""};
@@ -138,7 +139,7 @@ void view_orders_give(view_orders *o, enum view_order order)
     }
 }
 
-/* What the daemon said to it. */
+/* Turn the daemon's answer to the order into the text. */
 static void answered(view_orders *o, const char *text, size_t len)
 {
     cJSON *j = cJSON_ParseWithLength(text, len);

@@ -10,13 +10,13 @@
 #include "base/clock.h"
 #include "base/mem.h"
 
-#define TURN_BYTES  (64u << 10) /* read at one go, so that one page cannot keep the others waiting */
-#define REPLIES_MAX 16          /* queued answers to pings, before nothing more is read */
+#define TURN_BYTES  (64u << 10) /* read in one turn, so that one page cannot keep others waiting */
+#define REPLIES_MAX 16          /* with more queued answers to pings, nothing more is read */
 #define SLOW_NS \
     (30 * PVX_NS_PER_MS) /* a volume that takes longer to leave makes the next ones small */
 #define AWAY_MAX   8
 #define CLOSING_NS (2 * PVX_NS_PER_S)
-#define SANE_NS    (60 * PVX_NS_PER_S) /* beyond it the daemon's clock is another one */
+#define SANE_NS    (60 * PVX_NS_PER_S) /* beyond it the daemon has another clock */
 
 /* A volume that was sent and not yet drawn. */
 struct away {
@@ -90,7 +90,7 @@ static ssize_t transmit(wslay_event_context_ptr ws, const uint8_t *data, size_t 
     return -1;
 }
 
-/* Since it was published, if that was by this host's clock. */
+/* Add the time since it was published, if that was by this host's clock. */
 static void since_published(view_page *p, enum view_way way, const struct away *a)
 {
     int64_t whole = pvx_now_real() - a->published_ns;
@@ -116,7 +116,7 @@ static void page_drawn(view_page *p, uint64_t set)
         p->stats.drawn++;
         pvx_hist_add(&p->recent[0][VIEW_DRAWN], pvx_now_mono() - p->away[i].sent_ns);
         since_published(p, VIEW_WHOLE, &p->away[i]);
-        /* those before it were passed over by the page */
+        /* the page has skipped those before it */
         p->n_away -= i + 1;
         memmove(p->away, p->away + i + 1, p->n_away * sizeof *p->away);
         return;
@@ -221,7 +221,7 @@ short view_page_wants(const view_page *p)
     return wants;
 }
 
-/* What still comes is read, as closing with something unread would take back what was sent last. */
+/* Read what still comes, as closing with unread data would discard what was sent last. */
 static void page_drain(view_page *p)
 {
     char nothing[4096];
@@ -282,7 +282,7 @@ static bool page_due(const view_page *p, const view_shelf *shelf, enum view_slot
     return slot != VIEW_PREVIEW || (p->previews && !p->hidden);
 }
 
-/* The next message into the queue, which is empty; false: there is none. */
+/* Put the next message into the queue, which is empty; false: there is none. */
 static bool page_fill(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number)
 {
     struct view_msg m;

@@ -83,7 +83,7 @@ static int shelf_slot_of(enum pvp_type type)
     }
 }
 
-/* The body, and not the header, whose counts differ, is what it was. */
+/* Whether the body is what it was.  The header is not compared, as its counts differ. */
 static bool repeated(const struct held *h, const struct pvp_header *now, const void *msg)
 {
     return h->m.len == now->head + now->body &&

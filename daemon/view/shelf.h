@@ -1,8 +1,8 @@
-/* shelf.h - the newest message of each kind, which every page that comes or falls behind is given.
+/* shelf.h - the newest message of each kind, for every page that comes or falls behind.
  *
- * One message of a kind, but of events the last VIEW_EVENTS.  A slot's number counts what was ever put there, so a page
- * knows by comparing two numbers whether there is something new and how many it was not given.  A message is copied
- * once, when it comes; pages borrow it.  A new session empties all slots but keeps their numbers.
+ * It holds one message of each kind, and the last VIEW_EVENTS events.  A slot's number counts all messages that were
+ * put there.  So a page compares two numbers to know whether there is a new one and how many it was not given.  A
+ * message is copied once, when it comes; pages borrow it.  A new session empties all slots but keeps their numbers.
  * Threads: one. */
 #ifndef VIEW_SHELF_H
 #define VIEW_SHELF_H
@@ -13,7 +13,7 @@
 enum view_slot {
     VIEW_START,
     VIEW_RIG,
-    VIEW_POSES, /* a text that the bridge made of it (poses.h) */
+    VIEW_POSES, /* a text that the bridge made of the rig (poses.h) */
     VIEW_STATUS,
     VIEW_VOLUME,
     VIEW_PREVIEW,
@@ -38,11 +38,11 @@ PVX_MUST_CHECK pvx_err view_shelf_put(view_shelf *s, const struct pvp_header *h,
 /* A text of the bridge's own. */
 PVX_MUST_CHECK pvx_err view_shelf_put_text(view_shelf *s, enum view_slot slot, const char *text,
                                            struct pvx_diag *d);
-/* Numbers only: of the slot's newest. */
+/* Number of the slot's newest message; 0: the slot is empty. */
 uint64_t view_shelf_number(const view_shelf *s, enum view_slot slot);
 /* The newest; borrowed until the next put.  small: a volume is packed, whatever it costs. */
 PVX_MUST_CHECK pvx_err view_shelf_get(view_shelf *s, enum view_slot slot, bool small,
                                       struct view_msg *out, struct pvx_diag *d);
-/* The first event behind number `after`; false: none. */
+/* The first event after number `after`; false: none. */
 bool view_shelf_event(const view_shelf *s, uint64_t after, struct view_msg *out);
 #endif

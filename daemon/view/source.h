@@ -14,16 +14,16 @@ struct view_source_stats {
     char words[192]; /* of a film: the members "film":{...}, JSON without braces around; "" live */
 };
 struct view_source_ops {
-    /* Handles to wait for; how many. */
+    /* Handles to wait for; returns their number. */
     int (*fds)(void *self, struct pollfd out[VIEW_SOURCE_FDS]);
-    /* Mono clock: to be asked then, whatever the handles say. */
+    /* Mono clock: call `next` then, whatever the handles say. */
     int64_t (*due_ns)(void *self);
     /* The next message that is there already, borrowed until the next call.  PVX_ETIMEDOUT: none.  Other errors are
-     * said once and go away by themselves where they can: PVX_EPERM (turned away), PVX_ERANGE (too large). */
+     * returned once and go away by themselves where they can: PVX_EPERM (refused), PVX_ERANGE (too large). */
     pvx_err (*next)(void *self, struct pvp_header *h, const void **msg, size_t *len,
                     struct pvx_diag *d);
     void (*said)(void *self, const struct view_words *w); /* by a page that was let in */
-    void (*previews)(void *self, bool wanted);            /* by any page */
+    void (*previews)(void *self, bool wanted);            /* wanted: by any page */
     void (*stats)(void *self, struct view_source_stats *out);
     void (*free)(void *self);
 };

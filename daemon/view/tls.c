@@ -18,12 +18,12 @@
 #define ACCEPTS    16    /* at one go */
 #define ENDING_NS  (2 * PVX_NS_PER_S)
 
-/* A certificate and its key, of the connections that began with it. */
+/* A certificate and its key, for the connections that began with it. */
 struct papers {
     gnutls_certificate_credentials_t with;
     unsigned users; /* connections, and the view_tls while it is the one in use */
 };
-/* What waits to go one way. */
+/* Bytes that wait to go one way. */
 struct half {
     size_t at, n;
     bool eof; /* nothing comes any more */
@@ -43,7 +43,7 @@ struct view_tls {
     struct view_tls_params p;
     struct papers *with;     /* NULL: none yet */
     int64_t read[2][3];      /* which files it was read from: number, time of their last change */
-    struct pvx_diag trouble; /* with what is there instead, once it was said */
+    struct pvx_diag trouble; /* with the files that are there now, once it was told */
     gnutls_priority_t priority;
     int epoll;
     bool waiting; /* for the listening socket: there is room */
@@ -90,8 +90,8 @@ static pvx_err read_papers(view_tls *t, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* A certificate lasts for weeks, a page for months.  Who comes meets the one that is there now; if that is none, for
- * certificate and key come one after the other, the one of before. */
+/* A certificate lasts for weeks, a page for months.  A new connection gets the certificate that is there now.  If
+ * that cannot be used, as certificate and key come one after the other, it gets the one before. */
 static void tls_renew(view_tls *t)
 {
     int64_t files[2][3];
@@ -140,7 +140,7 @@ static void tls_drop(view_tls *t, struct conn *c)
     tls_leave(c->with);
 }
 
-/* A handshake further; false: it failed. */
+/* Continue the handshake; false: it failed. */
 static bool shake(view_tls *t, struct conn *c)
 {
     struct sockaddr_storage from;
@@ -218,7 +218,7 @@ static int tls_outwards(struct conn *c)
     return w > 0;
 }
 
-/* All that moves now; false: it is over. */
+/* Move all that can move now; false: the connection is over. */
 static bool pump(view_tls *t, struct conn *c)
 {
     if (!c->shaken && !shake(t, c))
@@ -249,7 +249,7 @@ static struct conn *tls_place(view_tls *t)
     return NULL;
 }
 
-/* One connection that waits; false: none does. */
+/* Accept one connection that waits; false: none does. */
 static bool tls_take(view_tls *t, struct conn *c)
 {
     int fd = accept4(t->p.listen, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
@@ -281,7 +281,7 @@ static void tls_take_all(view_tls *t)
     for (int i = 0; i < ACCEPTS && (c = tls_place(t)) != NULL; i++)
         if (!tls_take(t, c))
             break;
-    /* who comes when all places are taken waits in the kernel's queue */
+    /* while all places are taken, a new connection waits in the kernel's queue */
     struct epoll_event e = {.events = EPOLLIN, .data.fd = t->p.listen};
     bool room = tls_place(t) != NULL;
     if (room != t->waiting)

@@ -1,8 +1,8 @@
 /* tls.h - TLS by GnuTLS in front of the HTTP server, which sees plain connections.
  *
- * libmicrohttpd has TLS of its own, but once a connection is upgraded it is left with the eight bytes that its
- * memory pool keeps for emergencies: 4 bytes a record and 2 kB/s (measured, 0.9.75).  Here records have 16 kB: a
- * connection is a socket pair, one end the server's, and bytes go from the other through GnuTLS.
+ * libmicrohttpd has TLS of its own.  But an upgraded connection is left with the eight bytes that its memory pool
+ * keeps for emergencies: 4 bytes a record and 2 kB/s (measured, 0.9.75).  Here records have 16 kB.  A connection has
+ * a socket pair: one end is the server's, and bytes go from the other through GnuTLS.
  * At most 16 kB wait each way here, PAIR_BYTES in the pair, and what TCP_NOTSENT_LOWAT allows in the kernel.
  * Threads: one. */
 #ifndef VIEW_TLS_H
@@ -15,12 +15,13 @@
 typedef struct view_tls view_tls;
 
 struct view_tls_params {
-    int listen;             /* non-blocking; its own from now on */
-    const char *cert, *key; /* PEM files; looked at again by whoever comes, for they are renewed */
-    unsigned connections;   /* at most */
-    int64_t patience_ns;    /* for a handshake */
+    int listen;               /* non-blocking; owned by view_tls from now on */
+    const char *cert, *key;   /* PEM files; checked for each new connection, as they are renewed */
+    unsigned connections;     /* at most */
+    int64_t patience_ns;      /* for a handshake */
     void (*prepare)(int tcp); /* options of a fresh connection's socket */
-    /* A connection has shaken hands: fd is the server's end of it, and the server's.  false: it is not wanted. */
+    /* A connection has done its handshake.  fd is the server's end, and owned by the server.  false: it is
+     * refused. */
     bool (*come)(void *ctx, int fd, const struct sockaddr *from, socklen_t len);
     void *ctx;
     void (*say)(const char *line); /* that they were read again, or cannot be */

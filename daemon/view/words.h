@@ -1,6 +1,6 @@
-/* words.h - what a page says to the bridge: one JSON object a text message (PROTOCOL.md, Over a WebSocket).
+/* words.h - what a page says to the bridge: one JSON object per text message (PROTOCOL.md, Over a WebSocket).
  *
- * Unknown keys are ignored, a known one with a value that it cannot have makes the whole message unfit.
+ * Unknown keys are ignored.  A known key with an invalid value makes the whole message invalid.
  * Threads: pure. */
 #ifndef VIEW_WORDS_H
 #define VIEW_WORDS_H
@@ -29,12 +29,12 @@ struct view_words {
     char token[VIEW_TOKEN_DIGITS + 1];
     uint64_t credits; /* volumes that the page can take beyond those granted before */
     uint64_t held;    /* set of the volume that is in the texture */
-    uint64_t drawn;   /* and that is on the screen */
+    uint64_t drawn;   /* set of the volume that is on the screen */
     bool hidden, previews, play;
     uint64_t seek; /* volume of the recording */
     double speed;  /* 0.01 to 100 */
     enum view_order order;
 };
-/* false: not an object of JSON, or unfit. */
+/* false: not an object of JSON, or invalid. */
 bool view_words_read(const char *text, size_t len, struct view_words *out);
 #endif
