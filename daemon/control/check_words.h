@@ -1,5 +1,5 @@
-/* check_words.h - what a check of the rig (recon/check) found, for people and programs: one wording for `calibrate check`
- * and for the daemon's own.
+/* check_words.h - words for what a check of the rig (recon/check) found, for people and programs; `calibrate check`
+ * and the daemon's own checks share them.
  * Threads: pure. */
 #ifndef DMN_CHECK_WORDS_H
 #define DMN_CHECK_WORDS_H
@@ -10,7 +10,7 @@
 
 /* "gain: 0.85 times as bright as the others say; look at ..."; "" for nothing. */
 void dmn_check_sentence(const struct rec_check_camera *o, char out[DMN_CHECK_WORDS]);
-/* Of all n cameras: do they agree, and if not, can it be told who is wrong. */
+/* Of all n cameras: whether they agree, and if not, whether it is known which are wrong. */
 void dmn_check_conclusion(enum rec_check_outcome outcome, size_t n_wrong, size_t n,
                           char out[DMN_CHECK_WORDS]);
 /* "agrees", "named", "cannot be told" */

@@ -69,11 +69,11 @@ void dmn_checks_add(struct dmn_checks *k, const struct dmn_checks_news *news,
         struct dmn_checks_camera *o = &k->camera[c];
         enum rec_wrong was = o->figures.wrong;
         if ((news->mask >> c & 1) == 0)
-            continue; /* no picture, no news */
+            continue; /* without a picture there is nothing new */
         o->figures = v->figures.camera[c];
         o->figures.wrong = was;
         if (v->outcome == REC_CHECK_UNTOLD)
-            continue; /* all that look wrong: nobody is accused by guessing, nobody acquitted */
+            continue; /* which are wrong is not known: no camera is named and none is cleared */
         checks_name(o, v->figures.camera[c].wrong, patience_of(k));
         if (o->figures.wrong != was)
             checks_say(o, news->known[c], rig->cameras[c].name, to);

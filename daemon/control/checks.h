@@ -1,8 +1,8 @@
-/* checks.h - what the daemon's own checks of the rig (recon/check/judge.h) say of each camera, from check to check: its
- * figures, what it is called, and a sentence when that changes.
+/* checks.h - what the daemon's own checks of the rig (recon/check/judge.h) say of each camera, from check to check:
+ * its figures, the fault that it is named with, and a sentence when that changes.
  *
- * A check is of a few frame sets.  A camera is named when `patience` more checks found it wrong than right and the last
- * two agree.  It is cleared when as many found it right.
+ * A check is of a few frame sets.  A camera is named when `patience` more checks found it wrong than right and the
+ * last two agree.  It is cleared when as many found it right.
  * Threads: one caller per object. */
 #ifndef DMN_CHECKS_H
 #define DMN_CHECKS_H
@@ -10,7 +10,7 @@
 #include "daemon/control/votes.h"
 
 struct dmn_checks_camera {
-    struct rec_check_camera figures; /* of the last check; wrong: what the camera is called */
+    struct rec_check_camera figures; /* of the last check; wrong: the fault that is named */
     enum rec_wrong last;             /* what that check found */
     int lasting;                     /* checks that found something, less those that did not */
     bool said;
@@ -18,17 +18,17 @@ struct dmn_checks_camera {
 
 struct dmn_checks {
     uint64_t n;      /* checks that could be made */
-    uint64_t failed; /* since the last of them: nothing to judge by */
-    size_t n_wrong;  /* of the last */
+    uint64_t failed; /* since the last of them: checks that had nothing to judge by */
+    size_t n_wrong;  /* of the last check */
     enum rec_check_outcome outcome;
-    int patience; /* 0: 1 */
-    int torn;     /* checks in which it could not be told, less those in which it could */
+    int patience; /* 0 means 1 */
+    int torn;     /* checks that could not tell which cameras are wrong, less those that could */
     bool said_torn;
     struct dmn_checks_camera camera[REC_MAX_CAMERAS];
 };
 
-/* One more check, which took cameras of `mask`.  known [rig's cameras]: enum rec_wrong, what the log has said of a camera
- * already: that is not said again. */
+/* One more check, which took cameras of `mask`.  known [rig's cameras]: the enum rec_wrong that the log has said of a
+ * camera already; it is not said again. */
 struct dmn_checks_news {
     const struct rec_check_verdict *verdict;
     uint64_t mask;

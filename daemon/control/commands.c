@@ -88,7 +88,7 @@ static size_t reload_keys(OPS)
     return e == PVX_OK ? commands_done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
 }
 
-/* Which file: a whole path; or a name, in the folder of record.path; or NULL, as configured.  false: why. */
+/* The file of a request: a whole path; a name in the folder of record.path; or NULL, as configured.  false: *why. */
 static bool which_file(const struct dmn_control_ops *ops, const cJSON *request, const char **file,
                        const char **why)
 {
@@ -244,7 +244,7 @@ static bool commands_word_in(const char *word, const char *list)
     return false;
 }
 
-/* A key that is neither the command's nor everybody's; NULL: there is none. */
+/* A key that neither this command nor every command has; NULL: there is none. */
 static const char *foreign_key(const struct dmn_command *k, const cJSON *request)
 {
     const cJSON *item;
@@ -281,7 +281,7 @@ size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request
                           char *reply, size_t size)
 {
     static const char head[] =
-        "{\"version\":1"; /* goes before what the command answers, in its place of { */
+        "{\"version\":1"; /* goes before the command's answer, whose { becomes a comma */
     struct dmn_answer to = {reply + sizeof head - 1, size - (sizeof head - 1)};
     cJSON *req = len > DMN_REQUEST_MAX ? NULL : cJSON_ParseWithLength(request, len);
     size_t n = len > DMN_REQUEST_MAX ? dmn_answer_error(to, "the request is longer than 4096 bytes")

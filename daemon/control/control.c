@@ -38,10 +38,10 @@ struct dmn_control {
     char reply[DMN_REPLY_MAX];
 };
 
-/* One message: its way back (up to and with the empty frame) and the text after that; what follows is
- * ignored, and so is a message without an empty frame.  The text's true length, -1 = none (errno).
+/* Receive one message: its way back (up to and with the empty frame) and the text after that.  What follows is
+ * ignored, and so is a message without an empty frame.  Returns the text's true length, -1 = none (errno).
  *
- * A ROUTER, not zmq's REP: in 4.3.4 that one loses its place, and with it the next client's reply, when a
+ * The socket is a ROUTER, not a REP: in zmq 4.3.4 a REP loses its place, and with it the next client's reply, when a
  * message without an empty frame comes from a peer that is gone by then. */
 static int control_receive(dmn_control *c)
 {
@@ -51,7 +51,7 @@ static int control_receive(dmn_control *c)
         zmq_msg_t m;
         zmq_msg_init(&m);
         if (zmq_msg_recv(&m, c->socket, 0) < 0)
-            return -1; /* of a message that has begun all frames are there */
+            return -1; /* once a message has begun, all its frames are there */
         more = zmq_msg_more(&m);
         if (!bottom && c->n_way < WAY_MAX) {
             bottom = zmq_msg_size(&m) == 0;
@@ -69,7 +69,7 @@ static int control_receive(dmn_control *c)
     return length;
 }
 
-/* To whom the request came from; nobody if they are gone. */
+/* Send the reply to the client that sent the request, if it is still there. */
 static void control_answer(dmn_control *c, size_t length)
 {
     bool sent = true;
@@ -79,7 +79,7 @@ static void control_answer(dmn_control *c, size_t length)
         LOG_EVERY(PVX_LOG_WARN, DAEMON, "control reply not sent: %s", zmq_strerror(errno));
 }
 
-/* Socket activation: of those that systemd passes, the one whose path the endpoint is. */
+/* Socket activation: of the sockets that systemd passes, the one whose path is the endpoint's; -1: none. */
 static int given_socket(const char *endpoint)
 {
     int n = strncmp(endpoint, "ipc://", 6) == 0 ? sd_listen_fds(0) : 0;
@@ -120,7 +120,7 @@ static void close_socket(dmn_control *c)
     c->socket = NULL;
 }
 
-/* Somebody may do less than before: all have to come in again (pub.c). */
+/* When the keys have changed, a client may have lost a right: bind anew, so that all are checked again (pub.c). */
 static void control_guard_again(dmn_control *c)
 {
     struct pvx_diag d = {""};
@@ -173,7 +173,7 @@ pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth, const struct dmn_c
     c->zmq = zmq_ctx_new();
     c->given = given_socket(endpoint);
     pvx_err e = c->endpoint != NULL && c->zmq != NULL ? PVX_OK : PVX_ENOMEM;
-    if (e == PVX_OK && c->given < 0) /* systemd's is nobody else's */
+    if (e == PVX_OK && c->given < 0) /* no other daemon can have systemd's socket */
         e = pvp_ipc_claim_new(endpoint, &c->claim, d);
     if (e == PVX_OK && auth != NULL) {
         c->generation = pvp_auth_generation(auth);

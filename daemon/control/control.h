@@ -21,7 +21,8 @@ struct dmn_control_ops {
     size_t (*status)(void *ctx, char *out, size_t size); /* JSON; 0 = does not fit */
     void (*reset_latency)(void *ctx);
     void (*stop)(void *ctx);
-    /* Begin (path NULL: as configured; without a slash: that name in the same folder) or end a take; where = its file.  NULL = cannot. */
+    /* Begin (path NULL: as configured; without a slash: that name in the same folder) or end a take; where = its
+     * file.  NULL = cannot. */
     pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
                       struct pvx_diag *d);
     /* The same for volumes, where the configuration says. */
@@ -29,11 +30,11 @@ struct dmn_control_ops {
     /* One frame set, its volume and the status into a folder, named as a take.  NULL = cannot. */
     pvx_err (*snapshot)(void *ctx, const char *path, char *where, size_t size, struct pvx_diag *d);
     void *ctx;
-    /* Begin to take a background of so many sets, and what became of it; NULL = cannot. */
+    /* Begin to take a background of so many sets, and give the state of that; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);
     void (*background_state)(void *ctx, struct dmn_background_state *out);
-    /* The options in effect, the control thread's; and others that differ in options that may change while it
-     * runs (dmn_option_live).  NULL = cannot. */
+    /* config gives the options in effect, which the control thread owns.  apply takes others, which differ in options
+     * that may change while the daemon runs (dmn_option_live).  NULL = cannot. */
     const struct dmn_config *(*config)(void *ctx);
     pvx_err (*apply)(void *ctx, const struct dmn_config *c, struct pvx_diag *d);
     pvx_err (*reload_keys)(void *ctx, struct pvx_diag *d); /* NULL = cannot */
@@ -45,8 +46,8 @@ size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request
                           char *reply, size_t size);
 
 typedef struct dmn_control dmn_control;
-/* auth, borrowed: only clients with a key of role control come in, and none of them names a file; NULL: whoever
- * reaches the endpoint.  Errors: PVX_EBUSY (in use: says which), PVX_EINVAL (endpoint). */
+/* auth (borrowed): only clients with a key of role control are let in, and they may not give a path; NULL: every
+ * client that reaches the endpoint is let in.  Errors: PVX_EBUSY (in use: says which), PVX_EINVAL (endpoint). */
 PVX_MUST_CHECK pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth,
                                        const struct dmn_control_ops *ops, dmn_control **out,
                                        struct pvx_diag *d);

@@ -4,7 +4,7 @@
  *   PYROVOX_CAMERA  its name in the rig
  *   PYROVOX_SET     number of the frame set
  *
- * Each where there is one to say.  Threads: any. */
+ * A line has each field only if it is known.  Threads: any. */
 #ifndef DMN_JOURNAL_H
 #define DMN_JOURNAL_H
 #include <stddef.h>
@@ -12,11 +12,11 @@
 
 #include "base/log.h"
 
-/* The log goes there from now on, if standard error already does ($JOURNAL_STREAM). */
+/* Sends the log to the journal from now on, if standard error already goes there ($JOURNAL_STREAM). */
 void dmn_journal_use(void);
 
 #define DMN_JOURNAL_FIELDS 6
-/* What is sent of a line; used by dmn_journal_use.  `room` holds what `field` points into; returns how many. */
+/* Makes the fields of a line; used by dmn_journal_use.  `field` points into `room`.  Returns the number of fields. */
 struct dmn_journal_room {
     char priority[16], message[2048], cause[64], camera[96], set[48];
 };

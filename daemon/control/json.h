@@ -3,8 +3,8 @@
  *
  *   struct dmn_json j; dmn_json_init(&j, buf, sizeof buf);
  *   dmn_json_open(&j, NULL, '{'); dmn_json_int(&j, "sets", 3); dmn_json_close(&j, '}');
- * `key` is NULL inside arrays and at the top.  Numbers that are not finite become null.  What does
- * not fit is counted: dmn_json_end says so, and the text is then not valid JSON.
+ * `key` is NULL inside arrays and at the top.  Numbers that are not finite become null.  If the text
+ * does not fit, dmn_json_end says so, and the text is then not valid JSON.
  * dmn_json_print is for programs that print: it finds the size by itself. */
 #ifndef DMN_JSON_H
 #define DMN_JSON_H
@@ -23,7 +23,7 @@ void dmn_json_open(struct dmn_json *j, const char *key, char bracket); /* '{' or
 void dmn_json_close(struct dmn_json *j, char bracket);                 /* '}' or ']' */
 void dmn_json_int(struct dmn_json *j, const char *key, long long v);
 void dmn_json_num(struct dmn_json *j, const char *key, double v);
-/* All digits: the double comes back as it was. */
+/* With so many digits that the same double is read back. */
 void dmn_json_exact(struct dmn_json *j, const char *key, double v);
 void dmn_json_bool(struct dmn_json *j, const char *key, bool v);
 /* Control characters, quotes and bytes that are not UTF-8 are escaped or replaced. */
@@ -34,7 +34,7 @@ size_t dmn_utf8(const char *s);
 size_t dmn_json_end(struct dmn_json *j);
 
 /* Print on f what fill puts, and a newline.  fill is called again with more room (to 64 MiB) until all of it
- * fits.  Errors: PVX_ENOMEM; PVX_ERANGE, more than that; what writing to f gives. */
+ * fits.  Errors: PVX_ENOMEM; PVX_ERANGE: more than 64 MiB; those of writing to f. */
 PVX_MUST_CHECK pvx_err dmn_json_print(FILE *f, void (*fill)(struct dmn_json *j, const void *what),
                                       const void *what, struct pvx_diag *d);
 

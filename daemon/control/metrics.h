@@ -2,7 +2,7 @@
  *
  * Names, HELP and TYPE come from the tables of counters (state.h, capture).  Counters end in _total.
  * Threads: one of its own, of lowest priority; at most DMN_METRICS_CLIENTS connections, each closed after
- * DMN_METRICS_PATIENCE_S of silence, so that who sends nothing takes nothing. */
+ * DMN_METRICS_PATIENCE_S of silence, so that a silent client holds no connection. */
 #ifndef DMN_METRICS_H
 #define DMN_METRICS_H
 #include "daemon/config/config.h"
@@ -15,8 +15,8 @@
 char *dmn_metrics_text(const struct dmn_state *s);
 
 typedef struct dmn_metrics dmn_metrics;
-/* state, from the thread's own: false = it is still starting.  Errors, diag filled: PVX_EINVAL (not ADDRESS:PORT, or an
- * address that other hosts reach without `insecure`), PVX_EBUSY (in use), PVX_EIO. */
+/* state is called from this thread; false = the daemon is still starting.  Errors, diag filled: PVX_EINVAL (not
+ * ADDRESS:PORT, or an address that other hosts reach without `insecure`), PVX_EBUSY (in use), PVX_EIO. */
 PVX_MUST_CHECK pvx_err dmn_metrics_new(const char *endpoint, bool insecure,
                                        bool (*state)(void *ctx, struct dmn_state *out), void *ctx,
                                        dmn_metrics **out, struct pvx_diag *d);

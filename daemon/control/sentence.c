@@ -1,4 +1,4 @@
-/* sentence.c - how the daemon does, in one line: STATUS of sd_notify(3). */
+/* sentence.c - the condition of the daemon in one line: STATUS of sd_notify(3). */
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>

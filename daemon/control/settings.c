@@ -53,7 +53,7 @@ size_t dmn_answer_get(const struct dmn_control_ops *ops, const cJSON *request, s
     return dmn_json_end(&j);
 }
 
-/* As it would stand in the file. */
+/* The value as it would stand in the configuration file. */
 static bool as_yaml(const cJSON *v, char *out, size_t size)
 {
     int n = cJSON_IsString(v)   ? snprintf(out, size, "%s", v->valuestring)

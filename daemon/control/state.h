@@ -20,7 +20,7 @@ extern const char *const dmn_taking_names[];
 struct dmn_background_state {
     unsigned request; /* number of the last one; 0 = there was none */
     enum dmn_taking state;
-    uint32_t sets, have; /* that were asked for, that it has */
+    uint32_t sets, have; /* sets asked for, sets taken so far */
     struct pvx_diag why; /* FAILED */
 };
 
@@ -37,8 +37,8 @@ enum dmn_drop { DMN_DROPS(DMN_NUMBER) DMN_N_DROP };
 struct dmn_count_def {
     const char *name, *unit, *help;
 };
-/* Why a camera's frame was left out of a set that it had come for.  No JPEG at all is a
- * damaged one; a kind that cameras do not send is progressive, CMYK ... */
+/* Why a camera's frame was left out of a set that it had come for.  Data that are no JPEG at all count
+ * as damaged; kinds that cameras do not send are progressive, CMYK ... */
 #define DMN_IMAGE_FAULTS(M)                                                                     \
     M(DMN_IMAGE_SIZE, "image_size", "frames", "not of the size that the rig says")              \
     M(DMN_IMAGE_FORMAT, "image_format", "frames", "in a pixel format that cannot be converted") \
@@ -53,7 +53,7 @@ extern const struct dmn_count_def dmn_drop_defs[DMN_N_DROP];
 struct dmn_rig_state {
     bool moved;
     uint64_t looks, alarms; /* sets in which it was compared; times that it was named */
-    double px[2];           /* its pictures against where the others see the flame: right, down */
+    double px[2];           /* shift of its pictures from where others see the flame: right, down */
 };
 
 #define DMN_N_STAGES 3 /* carve, solve, publish */
@@ -71,7 +71,7 @@ struct dmn_beside_state {
     char path[512];         /* of the last that was begun, "" = none */
     uint64_t written, lost; /* volumes; since it was begun by configuration or command */
     unsigned deaths;
-    char error[512]; /* the last that it said, "" = nothing was wrong */
+    char error[512]; /* the last error that it reported, "" = nothing was wrong */
 };
 
 struct dmn_state {
@@ -110,7 +110,7 @@ struct dmn_state {
 #define DMN_STATE_JSON_MAX (448u << 10)
 /* JSON text of `s`; returns its length, 0 when it does not fit.  Allocates nothing. */
 size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size);
-/* How it does in one line, cut to fit: rate, cameras that are not there or not believed, what else is wrong. */
+/* Its condition in one line, cut to fit: rate, cameras that are not there or not believed, what else is wrong. */
 void dmn_state_sentence(const struct dmn_state *s, char *out, size_t size);
 const char *dmn_camera_state_name(enum cap_state s);
 #endif

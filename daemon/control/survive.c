@@ -17,7 +17,7 @@
 static void survive_say(const char *text, size_t n)
 {
     if (write(STDERR_FILENO, text, n) < 0)
-        return; /* nobody is there to be told */
+        return; /* it cannot be told */
 }
 
 static uintptr_t survive_hex(const char **p)
@@ -28,7 +28,7 @@ static uintptr_t survive_hex(const char **p)
     return v;
 }
 
-/* The line of /proc/self/maps that has the address, without anything that a handler must not call. */
+/* Print the line of /proc/self/maps that has the address, without any call that a signal handler must not make. */
 static void say_mapping(uintptr_t address)
 {
     static char line[PATH_MAX + 128];
@@ -50,7 +50,7 @@ static void say_mapping(uintptr_t address)
     }
 }
 
-/* Several threads work on a matrix: the first to find it cut tells, the others wait for the end. */
+/* Several threads work on a matrix: the first to find it cut prints the message, the others wait for the end. */
 static void on_bus_error(int sig, siginfo_t *info, void *context)
 {
     static atomic_flag told = ATOMIC_FLAG_INIT;

@@ -67,7 +67,7 @@ void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const str
     for (size_t c = 0; c < rig->n_cameras; c++)
         if (votes_has(set->out, c)) {
             if (v->why[c] == REC_WRONG_DISAGREES && set->why[c] != REC_WRONG_DISAGREES)
-                changed |= (uint64_t)1 << c; /* what it is has become clear */
+                changed |= (uint64_t)1 << c; /* the cause has become clear */
             v->left_out[c][set->why[c]]++;
         }
     if (judged) {

@@ -14,9 +14,9 @@ struct dmn_votes {
     enum rec_vote_state state;
     uint8_t why[REC_MAX_CAMERAS];                    /* enum rec_wrong */
     uint64_t left_out[REC_MAX_CAMERAS][REC_N_WRONG]; /* sets, by cause */
-    uint64_t torn;                                   /* sets in which it could not be told */
-    int lasting; /* of those, with those that were told since taken off */
-    int patience; /* so many of them are said; 0: the first.  Live they come and go from set to set */
+    uint64_t torn; /* sets in which cameras are wrong, but it is not known which */
+    int lasting;   /* torn sets less later sets that were not torn, 0 to patience */
+    int patience;  /* so many lasting ones are said; 0: the first.  Live they come and go */
     bool said_few, said_torn;
 };
 
@@ -27,8 +27,7 @@ struct dmn_votes_listener {
 };
 extern const struct dmn_votes_listener dmn_votes_log; /* into the log: warnings, and news */
 
-/* One more set; names [rig's cameras].  Says what has changed, with the remedy; once that there are too few cameras
- * to judge by. */
+/* Adds one more set.  Says what has changed, with the remedy, and once that there are too few cameras to judge by. */
 void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const struct rec_rig *rig,
                    const struct dmn_votes_listener *to);
 
