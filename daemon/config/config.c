@@ -272,8 +272,8 @@ pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value,
 
 /* ---- printing ---- */
 
-/* Double-quoted, so that any text comes back as it was; what YAML takes for a line break or does not
- * allow is escaped.  The text came out of libyaml, so it is UTF-8. */
+/* Print a word double-quoted, so that any text is read back as it was.  What YAML takes for a line break
+ * or does not allow is escaped.  The text came out of libyaml, so it is UTF-8. */
 static void config_print_word(FILE *f, const char *w)
 {
     fputc('"', f);

@@ -117,7 +117,7 @@ char *dmn_config_value(const struct dmn_config *c, const struct dmn_option *o);
  * Owner: caller, free(); NULL when out of memory. */
 char *dmn_config_format(const struct dmn_config *c);
 
-/* `name` as the daemon opens it: absolute as it is, else under c->dir. */
+/* `name` as the daemon opens it: an absolute name unchanged, else under c->dir. */
 void dmn_config_path(const struct dmn_config *c, const char *name, char *out, size_t size);
 /* Source of the camera `name`, number `index` of the rig: "" when it is not in the configuration.
  * PVX_EINVAL: a pattern that cannot be continued. */
@@ -133,14 +133,13 @@ bool dmn_config_simulated(const struct dmn_config *c);
 enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c);
 /* Channels that are reconstructed, 1 or 3. */
 int dmn_config_channels(const struct dmn_config *c);
-/* How Bayer pixels at binning 1 are taken; bayer: 0 auto, 1 rays, 2 demosaic.  Auto is rays where they can
- * be solved for.  false: rays are asked for, and cannot. */
+/* Chooses how Bayer pixels at binning 1 are used; bayer: 0 auto, 1 rays, 2 demosaic.  Auto means rays if they can
+ * be solved for.  false: rays are asked for, but cannot be used. */
 bool dmn_choose_mosaic(int bayer, const char *solver, int channels, enum cap_mosaic *out);
-/* What becomes of Bayer pixels where nothing is binned.  PVX_EINVAL: rays are asked for, and the solver or
- * the channels cannot have them. */
+/* The same for c.  PVX_EINVAL: rays are asked for, but cannot be used with the solver or the channels. */
 PVX_MUST_CHECK pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out,
                                          struct pvx_diag *d);
-/* What recon is asked to do with each frame set. */
+/* The parameters of recon for each frame set. */
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
 /* Solver's time limit after the arrival of the set's last frame (lossless: after it began), ns; 0 = none. */
 int64_t dmn_config_deadline(const struct dmn_config *c);

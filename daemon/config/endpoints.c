@@ -64,7 +64,7 @@ pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
     if (mkdir(own_dir, 0700) != 0 && errno != EEXIST)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: cannot create directory: %s", own_dir,
                         strerror(errno));
-    /* /tmp is everybody's: somebody else may have made the folder, or a link to elsewhere, first. */
+    /* All users may write to /tmp: another one may have made the folder, or a link to elsewhere, first. */
     struct stat st;
     if (lstat(own_dir, &st) != 0 || !S_ISDIR(st.st_mode) || st.st_uid != geteuid() ||
         (st.st_mode & 022) != 0)
@@ -79,7 +79,7 @@ pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
     "make keys (pyrovox keygen lab; pyrovox keygen me --server lab.pub), list me.pub in a file, " \
     "and name both as keys.server and keys.clients"
 
-/* Parsed, not compared by its beginning: 127.0.0.1.example.org is a name of somebody's. */
+/* The address is parsed, not compared by its beginning: 127.0.0.1.example.org is the name of another host. */
 static bool endpoints_is_loopback(const char *host, size_t len)
 {
     char text[64];
@@ -103,7 +103,7 @@ enum dmn_reach dmn_endpoint_reach(const char *endpoint)
 {
     const char *at = strstr(endpoint, "://");
     if (at == NULL || strncmp(endpoint, "inproc://", 9) == 0)
-        return DMN_REACH_FILE; /* no endpoint at all: refused by who binds it */
+        return DMN_REACH_FILE; /* no endpoint at all: binding it fails */
     at += 3;
     if (strncmp(endpoint, "ipc://", 6) == 0)
         return at[0] == '@' ? DMN_REACH_HOST : DMN_REACH_FILE;

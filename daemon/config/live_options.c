@@ -1,4 +1,4 @@
-/* live_options.c - which options a running daemon takes, and what somebody meant who mistyped one. */
+/* live_options.c - which options a running daemon takes, and the option that is nearest to a mistyped one. */
 #include <stdint.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ const struct dmn_option *dmn_option_find(const char *key)
 
 bool dmn_option_live(const struct dmn_option *o)
 {
-    /* solver.name: its work areas, and whether Bayer pixels are taken as they are, hang on it */
+    /* not solver.name: work areas depend on it, and whether Bayer pixels are taken as they are */
     return strcmp(o->key, "log_level") == 0 || strcmp(o->key, "publish.compress") == 0 ||
            strncmp(o->key, "photometry.", 11) == 0 ||
            (strncmp(o->key, "solver.", 7) == 0 && strcmp(o->key, "solver.name") != 0);

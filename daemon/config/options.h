@@ -57,9 +57,9 @@ extern const size_t dmn_n_options;
 
 /* By its key; NULL: there is none. */
 const struct dmn_option *dmn_option_find(const char *key);
-/* Whether a running daemon takes another value: the others size or open something at the start. */
+/* Whether a running daemon takes another value.  The other options size or open something at the start. */
 bool dmn_option_live(const struct dmn_option *o);
-/* The key that is most like it, for who has mistyped one. */
+/* The key that is most like a mistyped one. */
 const char *dmn_option_nearest(const char *key);
 /* Word number `index` of "a|b|c" into out (cut to size), "" when there is none. */
 void dmn_choice_word(const char *choices, int index, char *out, size_t size);
