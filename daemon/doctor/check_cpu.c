@@ -9,8 +9,8 @@
 
 #define WAKE_MAX_US 200 /* a processor that takes longer to wake lets the ring fill up */
 
-/* A rough need: receiving (about 200 000 packets/s per processor), binning and photometry (300 MB/s,
- * README), one for solving. */
+/* Processors needed, roughly: receiving (about 200 000 packets/s per processor), binning and photometry
+ * (300 MB/s, README), one for solving. */
 static double cores_needed(const struct doctor *d)
 {
     double packet = d->load.packet_size > 64 ? d->load.packet_size : 1500;
@@ -99,7 +99,7 @@ static void governor(struct doctor *d)
     doc_say(d, DOC_OK, 66, "cpu.governor", "frequency governor `performance`");
 }
 
-/* How long a processor may take to wake up, and whether somebody holds it awake. */
+/* How long a processor may take to wake up, and whether a program keeps it awake. */
 static void sleep_states(struct doctor *d)
 {
     char name[64], deepest[64] = "", qos[8] = "";

@@ -46,7 +46,7 @@ static double write_rate(const char *dir, double bytes, char *err, size_t size)
     }
     unlink(path);
     for (size_t i = 0; i < CHUNK; i++)
-        chunk[i] = (char)(i * 2654435761u >> 13); /* so that no file system packs it */
+        chunk[i] = (char)(i * 2654435761u >> 13); /* so that no file system compresses it */
     int64_t t0 = pvx_now_mono();
     double done = 0;
     ssize_t n = 1;

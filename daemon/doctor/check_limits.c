@@ -70,8 +70,8 @@ bool doc_has_cap(struct doctor *d, int cap)
     return has;
 }
 
-/* The service goes without: the right to read every packet is more than it needs, where its buffers
- * hold what comes while it is not scheduled. */
+/* The service runs without CAP_NET_RAW: the right to read every packet is more than it needs, if its
+ * buffers hold what comes while it is not scheduled. */
 static void raw_sockets(struct doctor *d)
 {
     int64_t room = 0;
@@ -155,7 +155,7 @@ static void open_files(struct doctor *d, const char *limits, const char *title)
     doc_add_line(f, LIMITS_FILE, "@pyrovox - nofile 4096");
 }
 
-/* What systemd/pyrovoxd.service gives must not have been lost in an edited unit. */
+/* Check that an edited unit still has what systemd/pyrovoxd.service gives. */
 static void unit(struct doctor *d)
 {
     static const struct {

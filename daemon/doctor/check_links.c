@@ -124,7 +124,7 @@ static void rp_filter(struct doctor *d, const struct doc_link *l, const struct d
                       maybe(l));
     doc_means(f, "packets of a camera whose way back leads over another card are dropped without "
                  "any counter");
-    /* a dot in the name of an interface would end the word */
+    /* a dot in the name of an interface would end a word of the key */
     doc_sysctl(f, "net.ipv4.conf.all.rp_filter", "2");
     if (strchr(l->name, '.') == NULL) {
         char key[80];
@@ -194,9 +194,9 @@ static void card(struct doctor *d, const struct doc_link *l)
     }
 }
 
-/* Cameras of 1 Gb/s that expose together and share the way to us: the switch keeps what does not pass
- * at once.  A pause of (n / r - 1) packets between packets lets all share (n cameras, r = link over
- * camera). */
+/* Cameras of 1 Gb/s that expose together share the link to this host: the switch keeps what does not
+ * pass at once.  A pause of (n / r - 1) packets between packets lets all share it (n cameras, r = link
+ * over camera). */
 static void burst(struct doctor *d, const struct doc_link *l)
 {
     int64_t speed = 0;

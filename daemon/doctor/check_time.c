@@ -1,4 +1,4 @@
-/* check_time.c - one clock for all cameras: PTP, and who else turns the host's. */
+/* check_time.c - one clock for all cameras: PTP, and other programs that steer the host's clock. */
 #include <string.h>
 
 #include "daemon/doctor/checks.h"
@@ -19,7 +19,7 @@ static void fight(struct doctor *d)
             ntp = strcmp(steer[i], "systemd-timesyn") == 0 ? "systemd-timesyncd" : steer[i];
             n++;
         }
-    /* timemaster starts chronyd or ntpd itself and feeds it: one hand on the clock */
+    /* timemaster starts chronyd or ntpd itself and feeds it, so only one program steers the clock */
     bool master = runs(d, "timemaster"), phc = runs(d, "phc2sys") && !master;
     if (doc_settled(n + phc < 2, d, DOC_OK, 46, "time.daemons", "%s",
                     n + phc == 0 ? "no program sets the system clock"

@@ -1,4 +1,4 @@
-/* checks.h - the checks by topic, and how they speak (private to daemon/doctor). */
+/* checks.h - the checks by topic, and how they report (private to daemon/doctor). */
 #ifndef DOC_CHECKS_H
 #define DOC_CHECKS_H
 #include "daemon/doctor/doctor.h"
@@ -7,11 +7,11 @@
 /* A new finding; never NULL (with no room left it is counted and forgotten). */
 struct doc_finding *doc_say(struct doctor *d, enum doc_verdict v, int weight, const char *id,
                             const char *fmt, ...) PVX_PRINTF(5, 6);
-/* If `cond` holds that is the finding, and all there is to say: true. */
+/* If `cond` holds, reports that as the only finding and is true. */
 #define doc_settled(cond, ...) ((cond) && doc_say(__VA_ARGS__) != NULL)
-/* What it means for frames. */
+/* Adds what the finding means for frames. */
 void doc_means(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
-/* Remedies, in the order in which they should be tried.  `file`: a sysctl's key, or whose line it is. */
+/* Adds a remedy, in the order in which they should be tried.  `file`: a sysctl's key, or the file of the line. */
 void doc_fix(struct doc_finding *f, enum doc_fix_kind kind, const char *file, const char *fmt, ...)
     PVX_PRINTF(4, 5);
 #define doc_sysctl(f, key, ...)    doc_fix(f, DOC_SYSCTL, key, __VA_ARGS__)
@@ -19,10 +19,10 @@ void doc_fix(struct doc_finding *f, enum doc_fix_kind kind, const char *file, co
 #define doc_add_line(f, file, ...) doc_fix(f, DOC_LINE, file, __VA_ARGS__)
 #define doc_note(f, ...)           doc_fix(f, DOC_NOTE, "", __VA_ARGS__)
 
-/* May pyrovoxd have this capability (its number in linux/capability.h)?  Running, by its file, or by
+/* Whether pyrovoxd may have this capability (its number in linux/capability.h): as it runs, by its file, or by
  * its unit. */
 bool doc_has_cap(struct doctor *d, int cap);
-/* Whose limits and groups count: the running pyrovoxd's /proc folder, else this process'. */
+/* The process whose limits and groups count: the /proc folder of the running pyrovoxd, else that of this process. */
 void doc_subject(struct doctor *d, char *proc, size_t size, const char **title);
 /* Text of the installed unit and its drop-ins; NULL: not installed.  Owner: caller, free(). */
 char *doc_unit_text(struct doctor *d);
@@ -34,7 +34,7 @@ const char *doc_quote(const char *s);
 
 void doc_find_links(struct doctor *d); /* links.c: fills link[], says what is wrong with routes */
 
-/* One each; they ask d->load whether they matter. */
+/* One function per check; each asks d->load whether it matters. */
 void doc_check_buffers(struct doctor *d);  /* socket buffers, backlog, budget */
 void doc_check_links(struct doctor *d);    /* MTU, speed, ring, pause, interrupts, rp_filter */
 void doc_check_counters(struct doctor *d); /* what was dropped where */

@@ -3,7 +3,7 @@
  * Each check looks at one thing, says in what state it is, what that means for frames, and how it is
  * put right: `id` OK | WARN | FAIL | UNKNOWN (cannot tell, and why).  Nothing is ever changed here;
  * doc_script writes the remedies as a shell script for a person to read and run.
- * All of the host is read through struct doc_host (host.h), so that tests show it a made-up one.
+ * All of the host is read through struct doc_host (host.h), so that tests can show a made-up host.
  * Weights: 0..100, how much a state of this kind costs; a report is sorted by verdict, then weight.
  * Threads: one doctor belongs to one thread. */
 #ifndef DOC_DOCTOR_H
@@ -31,7 +31,7 @@ struct doc_fix {
 
 #define DOC_MAX_FIX 4
 struct doc_finding {
-    char id[48]; /* "net.rmem_max"; stays what it is over releases */
+    char id[48]; /* "net.rmem_max"; stays the same in all releases */
     enum doc_verdict verdict;
     int weight;
     char what[320], means[400];
@@ -97,7 +97,7 @@ struct doctor {
     struct doc_report report;
 };
 
-/* Examine; `host` and `load` filled in by the caller.  Then sorted. */
+/* Runs all checks and sorts the report.  The caller has filled in `host` and `load`. */
 void doc_run(struct doctor *d);
 size_t doc_count(const struct doc_report *r, enum doc_verdict v);
 /* 0 all well, 1 warnings or things that cannot be told, 2 failures. */

@@ -25,7 +25,7 @@ enum doc_pass doc_firewall_iptables(const char *text, const struct doc_stream *s
 
 /* Shared by the two readers. */
 enum doc_match { DOC_MATCH_NO, DOC_MATCH_YES, DOC_MATCH_PERHAPS };
-/* Both conditions hold? */
+/* Whether both conditions hold. */
 enum doc_match doc_match_and(enum doc_match a, enum doc_match b);
 enum doc_match doc_match_not(enum doc_match m);
 /* "eth0", "eth*" (nft) or "eth+" (iptables) against the interface. */

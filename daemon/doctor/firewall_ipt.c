@@ -20,7 +20,7 @@ static enum doc_match doctor_option(const char *o, const char *v, const struct d
     if (doctor_is(o, "-p") || doctor_is(o, "--protocol"))
         return doctor_is(v, "udp") || doctor_is(v, "all") ? DOC_MATCH_YES : DOC_MATCH_NO;
     if (doctor_is(o, "-m") || doctor_is(o, "--comment") || doctor_is(o, "--reject-with"))
-        return DOC_MATCH_YES; /* what it asks comes in options of its own */
+        return DOC_MATCH_YES; /* its conditions come in options of their own */
     if (doctor_is(o, "--dport") || doctor_is(o, "--destination-port"))
         return doc_match_ports(v);
     if (doctor_is(o, "--ctstate") || doctor_is(o, "--state"))

@@ -1,4 +1,4 @@
-/* host_real.c - answers of this host that stand in no file. */
+/* host_real.c - answers of this host that are in no file. */
 #include <endian.h>
 #include <errno.h>
 #include <fcntl.h>

@@ -110,7 +110,7 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     l->buffers = (unsigned)c->buffers;
     record_folder(c, l);
     bool scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
-    bool wire = on_a_wire(l); /* cameras of loopback are simulated: their clock is ours */
+    bool wire = on_a_wire(l); /* cameras on loopback are simulated: they have the host's clock */
     l->ptp = wire && (c->ptp || scheduled || c->shared_clock);
     l->shared_clock = wire && c->shared_clock;
     l->packet_delay_ns = (int)c->packet_delay_ns;

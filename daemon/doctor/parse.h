@@ -31,7 +31,7 @@ struct doc_softnet {
 };
 void doc_parse_softnet(const char *text, struct doc_softnet *out);
 
-/* /proc/net/udp: packets that sockets which exist now have lost. */
+/* /proc/net/udp: packets lost by the sockets that exist now. */
 uint64_t doc_parse_udp(const char *text);
 
 struct doc_route {

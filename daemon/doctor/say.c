@@ -19,7 +19,7 @@ struct doc_finding *doc_say(struct doctor *d, enum doc_verdict v, int weight, co
                             const char *fmt, ...)
 {
     struct doc_report *r = &d->report;
-    struct doc_finding *f = &r->f[r->n]; /* one more than counted: room to forget in */
+    struct doc_finding *f = &r->f[r->n]; /* one more than counted: room for a forgotten one */
     if (r->n < DOC_MAX_FINDINGS)
         r->n++;
     else
