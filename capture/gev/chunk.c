@@ -27,7 +27,7 @@ pvx_err aravis_chunks_init(struct aravis_chunks *k, const struct cap_source_conf
     memset(k, 0, sizeof *k);
     GError *err = NULL;
     if (!c->chunks) {
-        /* left on by another program, they would only cost */
+        /* chunks that another program left on would only cost time */
         if (arv_camera_are_chunks_available(cam, NULL))
             arv_camera_set_chunk_mode(cam, FALSE, NULL);
         return PVX_OK;
@@ -99,8 +99,8 @@ bool aravis_chunks_read(struct aravis_chunks *k, ArvBuffer *b, struct cap_frame 
     if (k->time) {
         if (!read_int(k, b, "ChunkTimestamp", &t))
             return false;
-        /* Some count in ticks, some in ns, some from another moment: only what is near the stamp of
-         * the leader is the same clock. */
+        /* Some cameras count in ticks, some in ns, some from another moment.  Only a time near the stamp of the
+         * leader is from the same clock. */
         t = aravis_ticks_to_ns((uint64_t)t, k->tick_hz);
         if (f->t_device_ns == 0 ||
             (t >= 0 && f->t_device_ns > 0 && llabs(t - f->t_device_ns) < PVX_NS_PER_S))

@@ -17,14 +17,14 @@ struct aravis_chunks {
     guint64 tick_hz;    /* of ChunkTimestamp; 0 = ns */
     atomic_bool unread; /* frames came with chunk data that Aravis does not read */
 };
-/* Switch on those that the camera has; PVX_EINVAL: it has no chunks, or neither exposure nor gain.
+/* Switch on the chunks that the camera has.  PVX_EINVAL: it has no chunks, or neither exposure nor gain.
  * Owner: caller, aravis_chunks_fini. */
 PVX_MUST_CHECK pvx_err aravis_chunks_init(struct aravis_chunks *k,
                                           const struct cap_source_config *c, ArvCamera *cam,
                                           struct pvx_diag *d);
 void aravis_chunks_fini(struct aravis_chunks *k);
-/* Fill f's exposure_us and gain (NAN where there is none), the time of exposure when it agrees with
- * the frame's stamp, and *id, when the camera numbers in 64 bits.  False: chunk data that was asked for is not
- * there or makes no sense, so neither may be the rest of the frame. */
+/* Fill f's exposure_us and gain (NAN = none), its time of exposure if it agrees with the frame's stamp, and *id if
+ * the camera numbers in 64 bits.  False: requested chunk data are missing or make no sense, so the rest of the frame
+ * may be wrong too. */
 bool aravis_chunks_read(struct aravis_chunks *k, ArvBuffer *b, struct cap_frame *f, uint64_t *id);
 #endif

@@ -12,10 +12,11 @@ pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *wh
 pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, const char *what,
                        double want, double got, double min, double max);
 
-/* No answer, which Aravis has asked for several times, or one from a camera that is another program's. */
+/* True: no answer, although Aravis has asked several times, or the answer that another program controls the
+ * camera. */
 bool aravis_means_gone(const GError *err);
 
-/* From now on GLib's criticals and warnings are lines of our log, and none of them ends the process, whatever
- * G_DEBUG says; a g_error does all the same, once it is in the log. */
+/* From now on GLib's criticals and warnings are lines of our log.  They never end the process, whatever G_DEBUG says.
+ * A g_error still ends it, after it is logged. */
 void aravis_log_messages(void);
 #endif

@@ -21,13 +21,13 @@
 #define PROBES            2
 #define PROBE_MS          150
 #define FIRST_NUMBER      0x0B00
-#define CHANNEL_PRIVILEGE 0x0A00 /* the register that says which program controls */
+#define CHANNEL_PRIVILEGE 0x0A00 /* register: whether a program controls the camera */
 #define REMEMBERED        64
-#define XML_URL           0x0200 /* the registers that say where the GenICam file lies: this and the next */
+#define XML_URL           0x0200 /* two registers with the place of the GenICam file: this and the next */
 #define XML_URL_SIZE      512
 #define XML_MAX           (64u << 20)
 
-/* ---- does a camera answer? ----------------------------------------------------------------------- */
+/* ---- asking a camera ----------------------------------------------------------------------------- */
 
 static void find_copy_text(char *out, size_t size, const uint8_t *p)
 {
@@ -43,7 +43,7 @@ struct question {
     size_t n;
 };
 
-/* Until it is answered with at least `size` bytes of payload; what else comes is passed over. */
+/* Send the question, and wait for an answer with at least `size` bytes of payload.  Other packets are ignored. */
 static bool find_ask(int fd, const struct question *q, uint8_t *out, size_t size)
 {
     uint8_t p[CAP_GVCP_MAX];
@@ -58,7 +58,7 @@ static bool find_ask(int fd, const struct question *q, uint8_t *out, size_t size
             continue;
         ssize_t got = recv(fd, p, sizeof p, 0);
         if (got < 0)
-            return false; /* refused: the host is there, the camera is not */
+            return false; /* refused: a host is there, but no camera */
         if (!cap_gvcp_parse_ack(p, (size_t)got, &a) || a.status != CAP_GVCP_OK ||
             a.command != q->command + 1 || a.id != q->number || a.n < size)
             continue;
@@ -104,12 +104,12 @@ bool aravis_controlled(uint32_t address)
     uint8_t reg[4], value[4];
     cap_put32(reg, CHANNEL_PRIVILEGE);
     struct question q = {.command = CAP_GVCP_READREG, .data = reg, .n = sizeof reg};
-    /* a camera in exclusive use need not answer: then it is in use, too */
+    /* a camera in exclusive use need not answer, so no answer means in use */
     return !ask_address(address, q, value, sizeof value) || (cap_get32(value) & 3) != 0;
 }
 
-/* Aravis takes memory for the file before it reads it, and GLib ends the process when there is not as much
- * as the camera says ("Local:name.xml;ADDRESS;SIZE"). */
+/* Whether the camera announces a GenICam file larger than XML_MAX ("Local:name.xml;ADDRESS;SIZE").  Aravis allocates
+ * the announced size before it reads the file, and GLib ends the process if there is not enough memory. */
 static bool announces_nonsense(uint32_t address)
 {
     for (uint32_t i = 0; i < 2; i++) {
@@ -119,7 +119,7 @@ static bool announces_nonsense(uint32_t address)
         cap_put32(what + 4, XML_URL_SIZE);
         struct question q = {.command = CAP_GVCP_READMEM, .data = what, .n = sizeof what};
         if (!ask_address(address, q, got, sizeof got))
-            continue; /* nor will it tell Aravis */
+            continue; /* Aravis gets no answer either */
         find_copy_text(url, sizeof url, got + 4);
         const char *size = strrchr(url, ';');
         if (strncasecmp(url, "local:", 6) == 0 && size != NULL &&
@@ -135,9 +135,9 @@ uint32_t aravis_address(const char *text)
     return inet_pton(AF_INET, text, &a) == 1 ? ntohl(a.s_addr) : 0;
 }
 
-/* ---- the way to it ---------------------------------------------------------------------------- */
+/* ---- the route -------------------------------------------------------------------------------- */
 
-/* The host's own address towards the camera, as the kernel routes, and that network's broadcast. */
+/* The host's own address towards the camera, as the kernel routes, and the broadcast address of that network. */
 static bool find_route(uint32_t camera, struct aravis_route *out)
 {
     struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
@@ -160,7 +160,7 @@ static bool find_route(uint32_t camera, struct aravis_route *out)
             continue;
         memcpy(&a, p->ifa_addr, sizeof a);
         memcpy(&mask, p->ifa_netmask, sizeof mask);
-        /* behind a router a broadcast does not arrive: such a camera is sent its own command */
+        /* A broadcast does not pass a router; a camera behind one is sent its own command. */
         uint32_t m = ntohl(mask.sin_addr.s_addr);
         if (ntohl(a.sin_addr.s_addr) == out->host && m != UINT32_MAX &&
             (out->host & m) == (camera & m))
@@ -218,8 +218,8 @@ static bool is_device(unsigned i, const char *what)
            g_strcmp0(arv_get_device_physical_id(i), what) == 0;
 }
 
-/* The Aravis id of the device with that serial number, id or, for what is no other, user-defined
- * name (NULL = none), and its address when it has one. */
+/* The Aravis id of the first device with this serial number, id or user-defined name (NULL = none), and its address
+ * if it has one. */
 static char *look_up(const char *what, uint32_t *address)
 {
     int64_t asked = pvx_now_mono();
@@ -278,8 +278,8 @@ static ArvDevice *open_address(const struct aravis_route *r)
     return dev;
 }
 
-/* By its route, or (id not NULL) by Aravis' id; NULL: another program controls it, or (PVX_ECORRUPT) its GenICam
- * file has no end. */
+/* Open by route, or (id not NULL) by Aravis' id.  NULL: another program controls the camera, or (PVX_ECORRUPT) the
+ * references in its GenICam file have no end. */
 static ArvCamera *find_open(const struct cap_source_config *c, const struct aravis_route *r,
                             const char *id, pvx_err *why, struct pvx_diag *d)
 {
@@ -299,13 +299,13 @@ static ArvCamera *find_open(const struct cap_source_config *c, const struct arav
     if (dev != NULL && cam == NULL)
         aravis_unref_last(dev);
     else
-        g_clear_object(&dev); /* the camera has it */
+        g_clear_object(&dev); /* the camera holds a reference */
     return cam;
 }
 
-/* NULL and *why: PVX_ENOENT, it is not there; PVX_EBUSY, another program controls it, which is seen before Aravis
- * asks for control (and, where the camera does not answer that, asks again for 5 s with the parser locked);
- * PVX_ECORRUPT and *d, its GenICam file cannot be. */
+/* Find and open the camera.  NULL and *why: PVX_ENOENT (not there), PVX_EBUSY (another program controls it), or
+ * PVX_ECORRUPT and *d (its GenICam file cannot be right).  EBUSY is found before Aravis asks for control, because for
+ * a camera that does not answer Aravis would ask again for 5 s with the parser locked. */
 static ArvCamera *gev_find_camera(const struct cap_source_config *c, struct aravis_route *route,
                                   pvx_err *why, struct pvx_diag *d)
 {

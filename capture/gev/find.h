@@ -10,7 +10,7 @@
 #include <arv.h>
 #include "capture/source/source.h"
 
-/* Where a GigE camera is; IPv4, host order; all 0 for others. */
+/* Addresses of a GigE camera; IPv4, host order; all 0 for other cameras. */
 struct aravis_route {
     uint32_t camera, host, broadcast;
 };
@@ -18,19 +18,19 @@ struct aravis_route {
 struct aravis_who {
     char vendor[33], model[33], serial[17], name[17];
 };
-/* Is there a camera at the address?  who may be NULL. */
+/* Whether a camera answers at the address.  who may be NULL. */
 bool aravis_probe(uint32_t address, struct aravis_who *who);
 
-/* Does a program control the camera at the address? */
+/* Whether a program controls the camera at the address. */
 bool aravis_controlled(uint32_t address);
 uint32_t aravis_address(const char *text); /* "127.0.0.2", host order; 0 = no IPv4 address */
 
-/* Around every use of Aravis' list of devices. */
+/* To be held during every use of Aravis' list of devices. */
 void aravis_list_lock(void);
 void aravis_list_unlock(void);
 
-/* Around everything that makes Aravis read a GenICam file: its parser has state that all share (seen: two
- * cameras opened at once, documents of neither). */
+/* To be held while Aravis reads a GenICam file, because its parser has global state (seen: two cameras opened at once
+ * got documents of neither). */
 void aravis_parser_lock(void);
 void aravis_parser_unlock(void);
 
@@ -39,7 +39,7 @@ PVX_MUST_CHECK pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found 
                                    struct pvx_diag *d);
 
 /* Owner: caller, aravis_close_camera.  PVX_ENOENT: no camera answers; PVX_EBUSY: another program controls it;
- * PVX_ECORRUPT: it says what cannot be. */
+ * PVX_ECORRUPT: its GenICam file cannot be right. */
 PVX_MUST_CHECK pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
                                           struct aravis_route *route, struct pvx_diag *d);
 #endif

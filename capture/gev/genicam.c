@@ -11,8 +11,8 @@ struct references {
     xmlNode *endless;
 };
 
-/* Does the value of a node come from the node that such an element names?  (pMax, pIsAvailable and others lead to
- * a value, and no value leads back to them.) */
+/* Whether a node's value comes from the node that this element names.  (pMax, pIsAvailable and others lead to a
+ * value, and no value leads back to them.) */
 static bool genicam_followed(const xmlNode *e)
 {
     static const char *const names[] = {"pValue",        "pAddress",      "pLength",
@@ -21,7 +21,7 @@ static bool genicam_followed(const xmlNode *e)
     return g_strv_contains(names, (const char *)e->name);
 }
 
-/* Part of a node, and no node itself. */
+/* Whether the element is a part of a node and not a node itself. */
 static bool genicam_property(const xmlNode *e)
 {
     return e->name[0] == 'p' || strcmp((const char *)e->name, "Constant") == 0 ||
@@ -58,7 +58,7 @@ static xmlChar *genicam_text(const xmlNode *e)
 
 static unsigned genicam_levels(struct references *r, xmlNode *node, unsigned depth);
 
-/* The most levels below the children of `node`; of children that are nodes too, if `nested`. */
+/* The most levels below the children of `node`; children that are nodes themselves count only if `nested`. */
 static unsigned genicam_children(struct references *r, xmlNode *node, unsigned depth, bool nested)
 {
     unsigned most = 0;
@@ -80,7 +80,7 @@ static unsigned genicam_children(struct references *r, xmlNode *node, unsigned d
 static unsigned genicam_levels(struct references *r, xmlNode *node, unsigned depth)
 {
     gpointer known;
-    unsigned levels = ARAVIS_GENICAM_LEVELS; /* met again while its own are counted: endless */
+    unsigned levels = ARAVIS_GENICAM_LEVELS; /* a node met again during its own count is endless */
     if (r->endless != NULL)
         return 0;
     if (g_hash_table_lookup_extended(r->levels, node, NULL, &known)) {

@@ -1,4 +1,4 @@
-/* genicam.h - can a camera's GenICam file be evaluated (private to the aravis: files).
+/* genicam.h - checks that a camera's GenICam file can be evaluated (private to the aravis: files).
  *
  * The file describes features as nodes that refer to each other.  To read a node's value, Aravis 0.8.26 reads the
  * nodes that it refers to, by recursion without a limit.  A node that refers to itself, directly or through
@@ -11,7 +11,7 @@
 
 #define ARAVIS_GENICAM_LEVELS 200 /* of references below a node; real files have some 20 */
 
-/* True: the value of no node needs more levels than that.  Else `node` gets the name of one that does, "" when
- * it has none.  A file that is no XML has no nodes. */
+/* True: no node's value needs more levels than that.  Else `node` gets the name of a node that does; "" = it has no
+ * name.  A file that is not XML has no nodes. */
 bool aravis_genicam_ends(const char *xml, size_t len, char *node, size_t size);
 #endif

@@ -38,7 +38,7 @@ static void free_source(struct aravis_source *s)
     free(s);
 }
 
-static atomic_uint giving_up; /* devices that are being left to Aravis */
+static atomic_uint giving_up; /* number of devices that are being released */
 
 static void *gev_give_up(void *source)
 {
@@ -46,18 +46,18 @@ static void *gev_give_up(void *source)
     atomic_fetch_add(&giving_up, 1);
     aravis_watch_join(s);
     aravis_end_stream(s);
-    cap_lend_close(&s->lend);        /* frames that are out keep its memory */
+    cap_lend_close(&s->lend);        /* lent frames keep its memory */
     aravis_close_camera(&s->camera); /* ends the heartbeat's thread and leaves control */
     aravis_chunks_fini(&s->chunks);
     free_source(s);
-    /* A camera's GenICam description is some 30000 small blocks.  What lives longer lies among them, so libc keeps their
-     * pages: without this, the free part of the heap grew by 11 KB with every camera that was opened anew. */
+    /* A camera's GenICam description is some 30000 small blocks.  What lives longer lies among them, so libc keeps
+     * their pages: without this, the free part of the heap grew by 11 KB with every camera that was opened anew. */
     malloc_trim(0);
     atomic_fetch_sub(&giving_up, 1);
     return NULL;
 }
 
-/* The camera is silent, or Aravis has its device in hand. */
+/* Whether closing takes long: the camera is silent, or Aravis still holds a reference to its device. */
 static bool is_slow_to_close(const struct aravis_source *s)
 {
     return s->dead || (s->camera != NULL && !aravis_is_last(arv_camera_get_device(s->camera)));
@@ -86,7 +86,7 @@ static void aravis_stop(cap_source *base)
     s->dead = s->route.camera != 0 && !aravis_probe(s->route.camera, NULL);
     aravis_cut_stream(s);
     if (s->dead)
-        return; /* close has it ended */
+        return; /* close ends the stream */
     aravis_watch_join(s);
     if (!cap_gate_is_lost(&s->gate))
         arv_camera_stop_acquisition(s->camera, NULL);
@@ -103,8 +103,8 @@ static void init_locks(struct aravis_source *s)
     cap_gate_init(&s->gate);
 }
 
-/* A camera that lost us, but not its power, still belongs to the device that is being given up; that
- * asks every 0.5 s to be let go. */
+/* A camera that lost its connection but not its power still belongs to our old device, which is being released and
+ * asks the camera every 0.5 s to let it go.  So an open that finds the camera busy tries again for RELEASE_NS. */
 static pvx_err open_in_time(struct aravis_source *s, struct pvx_diag *d)
 {
     for (int64_t until = pvx_now_mono() + RELEASE_NS;;) {
@@ -190,8 +190,8 @@ static pvx_err aravis_trigger(cap_source *base)
     pthread_mutex_unlock(&s->device);
     if (err == NULL)
         return PVX_OK;
-    /* An answer, if only "busy", is one trigger missed.  Without, Aravis has asked several times by
-     * now: waiting for the next answer would take as long. */
+    /* With an answer, even "busy", only one trigger is missed.  Without one, Aravis has asked several times by now,
+     * and waiting for the next answer would take as long. */
     bool gone = aravis_means_gone(err);
     g_clear_error(&err);
     if (!gone)
@@ -203,7 +203,7 @@ static pvx_err aravis_trigger(cap_source *base)
 static bool aravis_answers(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
-    /* a USB camera that is gone has been reported; no program controls a GigE camera after its restart */
+    /* The loss of a USB camera has been reported already.  After a restart, no program controls a GigE camera. */
     return !cap_gate_is_lost(&s->gate) &&
            (s->route.camera == 0 ||
             (aravis_probe(s->route.camera, NULL) && aravis_controlled(s->route.camera)));

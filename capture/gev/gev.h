@@ -1,4 +1,4 @@
-/* gev.h - what the files of the aravis: source share (private to them).
+/* gev.h - shared by the files of the aravis: source (private to them).
  *
  * Threads: the supervisor's (open, start, trigger, health, stop, close), Aravis' receiving thread (stream.c) and our
  * slow loop (watch.c).  For a camera that no longer answers, one more thread waits until Aravis gives it up (gev.c).
@@ -65,7 +65,7 @@ void aravis_watch_start(struct aravis_source *s);
 void aravis_watch_quit(struct aravis_source *s); /* does not wait */
 void aravis_watch_join(struct aravis_source *s);
 
-/* To be opened anew: it is gone, or cannot be put right while it runs. */
+/* Report the camera as lost, so that it is opened again: it is gone, or cannot be corrected while it runs. */
 static inline void aravis_say_lost(struct aravis_source *s)
 {
     cap_gate_lost(&s->gate, &s->sink, s->c.camera);

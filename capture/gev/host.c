@@ -1,7 +1,7 @@
-/* host.c - what the host grants to the threads that receive: priority, and room for packets.
+/* host.c - what the host grants to the receiving threads: priority, and room for packets.
  *
- * Neither can be had by force, and without them cameras work, until the machine is busy.  So a refusal
- * is a warning with its remedy; once in a process, for it is the same for all of its cameras. */
+ * The host may refuse both.  Without them cameras work until the machine is busy.  So a refusal is a warning with its
+ * remedy.  It is logged once in a process, because it is the same for all cameras. */
 #include "capture/gev/host.h"
 
 #include <arv.h>
@@ -11,7 +11,7 @@
 
 #include "base/log.h"
 
-#define RT_PRIORITY 10 /* what cap_gige says with 0 */
+#define RT_PRIORITY 10 /* for 0 in cap_gige */
 
 void aravis_make_realtime(const struct cap_source_config *c)
 {
@@ -27,7 +27,7 @@ void aravis_make_realtime(const struct cap_source_config *c)
           c->name, priority);
 }
 
-/* May this process read packets past the sockets' buffers?  Aravis tries the same. */
+/* Whether this process may use a packet socket, which bypasses the sockets' buffers.  Aravis tries the same. */
 static bool packet_socket(const struct cap_source_config *c)
 {
     int fd = c->gige.no_packet_socket ? -1 : socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0);
@@ -36,7 +36,7 @@ static bool packet_socket(const struct cap_source_config *c)
     return fd >= 0;
 }
 
-/* What a socket gets that asks for so many bytes; the kernel doubles it for its own book-keeping. */
+/* Receive buffer of a socket that asks for this many bytes; the kernel doubles the value for its own book-keeping. */
 static int host_room(int asked)
 {
     int got = 0;

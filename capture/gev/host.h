@@ -1,5 +1,5 @@
-/* host.h - priority of the receiving threads, and socket buffers (private to the aravis: files).  A refusal by the
- * host is a warning, not an error. */
+/* host.h - priority of the receiving threads, and socket buffers (private to the aravis: files).
+ * A refusal by the host is a warning, not an error. */
 #ifndef CAP_ARAVIS_HOST_H
 #define CAP_ARAVIS_HOST_H
 #include "capture/source/source.h"

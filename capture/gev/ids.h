@@ -1,7 +1,7 @@
 /* ids.h - frame numbers of a stream, widened past their wrap (private to stream.c).
  *
- * GigE Vision 1: 16 bit, 1..65535, 0 is never sent.  GigE Vision 2 and USB3 Vision: 64 bit.  Which
- * one is not announced; a camera whose numbers go past 65535 is of the second kind. */
+ * GigE Vision 1: 16 bit, 1..65535, 0 is never sent.  GigE Vision 2 and USB3 Vision: 64 bit.  A camera does not
+ * announce its kind; numbers above 65535 show the second one. */
 #ifndef CAP_ARAVIS_IDS_H
 #define CAP_ARAVIS_IDS_H
 #include <stdbool.h>
@@ -9,11 +9,11 @@
 
 struct aravis_ids {
     bool any, wide; /* wide: a number above 65535 was seen */
-    uint64_t raw;   /* last as sent */
-    uint64_t id;    /* last widened */
+    uint64_t raw;   /* last number as sent */
+    uint64_t id;    /* last number, widened */
 };
-/* Widened number of the next good frame, above the last one by the frames that the camera numbered
- * since.  A camera that starts counting anew goes on by one: how many were lost is not known. */
+/* Widened number of the next good frame: the last one plus the frames that the camera numbered since.  If the camera
+ * starts counting again, the number goes on by one, because the number of lost frames is not known. */
 static inline uint64_t aravis_ids_next(struct aravis_ids *s, uint64_t raw)
 {
     s->wide |= raw > 65535;

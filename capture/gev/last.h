@@ -1,4 +1,4 @@
-/* last.h - our own thread gives up objects of Aravis (private to the aravis: files).
+/* last.h - drops the last reference to objects of Aravis in our own thread (private to the aravis: files).
  *
  * The finalizers of a device and of a stream join Aravis' threads.  If such a thread drops the last reference, it
  * joins itself, and GLib ends the process: "Resource deadlock avoided".  (Seen: the heartbeat thread emitted
@@ -9,10 +9,10 @@
 #include <arv.h>
 #include <stdbool.h>
 
-/* Is the caller's reference the only one?  Once true it stays so, because no other holder is left. */
+/* Whether the caller's reference is the only one.  Once true it stays so, because no other holder is left. */
 bool aravis_is_last(gpointer object);
-/* Wait for that, then give it up: Aravis' threads of this object have ended. */
+/* Wait until the reference is the last, then drop it.  On return Aravis' threads of this object have ended. */
 void aravis_unref_last(gpointer object);
-/* The camera, then its device; sets *camera NULL, which it may have been. */
+/* Release the camera, then its device; sets *camera to NULL.  *camera may be NULL. */
 void aravis_close_camera(ArvCamera **camera);
 #endif

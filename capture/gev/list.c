@@ -29,7 +29,7 @@ static void list_add(char *out, size_t size, const char *text)
     snprintf(out + n, size - n, "%s", text);
 }
 
-/* "Mono8 640x480 0.1 to 60 Hz", a line for each format of the camera that we know. */
+/* "Mono8 640x480 0.1 to 60 Hz", a line for each of the camera's formats that we know. */
 static void describe_formats(ArvCamera *cam, char *out, size_t size)
 {
     int w = 0, h = 0;

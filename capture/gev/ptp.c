@@ -50,7 +50,7 @@ bool aravis_ptp_good(const struct aravis_ptp *p, double offset_us)
 {
     double limit = 1000 * (offset_us > 0 ? offset_us : ARAVIS_PTP_OFFSET_US);
     if (strcasecmp(p->state, "Master") == 0)
-        return true; /* its offset is none */
+        return true; /* a master has no offset */
     return strcasecmp(p->state, "Slave") == 0 &&
            (isnan(p->offset_ns) || fabs(p->offset_ns) <= limit);
 }
@@ -67,7 +67,7 @@ pvx_err aravis_ptp_enable(const struct cap_source_config *c, ArvCamera *cam, str
                         "GevIEEE1588");
     bool on = arv_camera_get_boolean(cam, n->enable, NULL);
     if (on)
-        return PVX_OK; /* and it keeps the time that it has */
+        return PVX_OK; /* it keeps the time that it has */
     arv_camera_set_boolean(cam, n->enable, TRUE, &err);
     if (err == NULL)
         on = arv_camera_get_boolean(cam, n->enable, &err);

@@ -10,18 +10,18 @@
 #define ARAVIS_PTP_OFFSET_US 10 /* with cap_source_config.ptp_offset_us = 0 */
 
 struct aravis_ptp {
-    char state[16];   /* as the camera calls it; "" = it has no PTP, or it is off */
-    double offset_ns; /* from the master; NAN = it does not say */
+    char state[16];   /* in the camera's words; "" = it has no PTP, or it is off */
+    double offset_ns; /* from the master; NAN = not reported */
 };
 /* Ask the camera. */
 void aravis_ptp_read(ArvCamera *cam, struct aravis_ptp *out);
-/* Slave or Master, and the offset, where the camera tells it, small enough. */
+/* True for Master, and for Slave if the offset is small enough or not reported. */
 bool aravis_ptp_good(const struct aravis_ptp *p, double offset_us);
-/* Switch PTP on, or, when it is not wanted, leave it alone.  PVX_EUNSUP: the camera has none. */
+/* Switch PTP on if it is wanted, else leave it as it is.  PVX_EUNSUP: the camera has no PTP. */
 PVX_MUST_CHECK pvx_err aravis_ptp_enable(const struct cap_source_config *c, ArvCamera *cam,
                                          struct pvx_diag *d);
-/* Wait up to 1 s for the clock; PVX_ETIMEDOUT (the text has state and offset): open again later, the
- * camera goes on by itself. */
+/* Wait up to 1 s for the clock.  PVX_ETIMEDOUT (the text has state and offset): open again later; the camera goes on
+ * synchronizing by itself. */
 PVX_MUST_CHECK pvx_err aravis_ptp_wait(const struct cap_source_config *c, ArvCamera *cam,
                                        struct pvx_diag *d);
 #endif

@@ -14,7 +14,7 @@
 #define GIVE_UP_NS  (10 * PVX_NS_PER_S)
 #define PROGRAM_MAX 64
 
-/* A packet socket that lets through what goes to this port: the number is in its filter. */
+/* Whether fd is a packet socket that passes packets to this port: its filter contains the number. */
 static bool is_ring_of(int fd, uint16_t port)
 {
     struct sock_filter program[PROGRAM_MAX];
@@ -50,7 +50,7 @@ bool aravis_ring_settle(ArvStream *stream)
     if (p.fd < 0)
         return true;
     int64_t until = pvx_now_mono() + GIVE_UP_NS;
-    /* Readable: the thread has a block that it has not given back. */
+    /* Readable: the thread has not given back a block yet. */
     do
         pvx_sleep_until_mono(pvx_now_mono() + REST_NS);
     while (poll(&p, 1, 0) > 0 && pvx_now_mono() < until);

@@ -8,10 +8,9 @@
 #include <arv.h>
 #include <stdbool.h>
 
-/* Waits until the stream's thread has gone through all of them.  Called between arv_camera_create_stream,
- * which returns when the socket is narrowed, and the first buffer: without one no packet begins a frame.
- * What they leave behind is Aravis' last frame number: up to 99 frames of this camera with lower ones
- * are late to it.  Takes 50 ms; nothing where plain UDP receives.  False: the thread did not get
- * to run. */
+/* Waits until the stream's thread has processed all such packets.  Called after arv_camera_create_stream, which
+ * returns when the socket is narrowed, and before the first buffer is pushed: without a buffer no packet begins a
+ * frame.  The packets only change Aravis' last frame number, so up to 99 frames of this camera with lower numbers are
+ * late for it.  Takes 50 ms; no time with plain UDP.  False: the thread did not get to run. */
 bool aravis_ring_settle(ArvStream *stream);
 #endif

@@ -57,7 +57,7 @@ static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
         int offset = arv_camera_is_region_offset_available(cam, NULL) ? 0 : -1; /* -1: leave */
         arv_camera_set_region(cam, offset, offset, c->width, c->height, &err);
     }
-    /* A refusal is told below with the limits, by what the camera has then. */
+    /* A refusal shows below, by the size that the camera then has; the error gives the limits. */
     g_clear_error(&err);
     arv_camera_get_region(cam, &x, &y, &l->width, &l->height, &err);
     if (err != NULL)
@@ -107,7 +107,7 @@ static pvx_err setup_set_exposure(const struct cap_source_config *c, ArvCamera *
     return PVX_OK;
 }
 
-/* Equal as text, or both numbers and the same to the rounding of a camera's steps. */
+/* Equal as text, or both are numbers and equal within the rounding of a camera's steps. */
 static bool same_value(const char *want, const char *got)
 {
     char *end_want, *end_got;
@@ -176,8 +176,8 @@ static int path_mtu(ArvGvDevice *dev, bool *loopback)
     return mtu;
 }
 
-/* A packet larger than the path's MTU goes out in fragments, which packet sockets do not put
- * together again: never above the MTU of our own interface, and beyond that as test packets show. */
+/* A packet larger than the path's MTU is sent in fragments, and packet sockets do not join them.  So the size is
+ * never above the MTU of our own interface, and test packets show what the rest of the path allows. */
 static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam,
                                struct pvx_diag *d)
 {
@@ -195,7 +195,7 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
                         size, mtu);
     if (size <= 0 && !loopback) {
         size = (int)arv_camera_gv_auto_packet_size(cam, &err);
-        if (err != NULL) /* no test packets: what every network carries */
+        if (err != NULL) /* no test packets: a size that every network carries */
             size = 1500;
         g_clear_error(&err);
         if (mtu > 0 && size > mtu)
@@ -247,8 +247,8 @@ bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera)
            (can & GVCP_CAN_RESEND) != 0;
 }
 
-/* Features of triggers and lines have the last word: setting the trigger chooses selectors, and an
- * edge, for them. */
+/* Features of triggers and lines are set after the trigger, because setting the trigger chooses selectors and an edge
+ * for them. */
 static pvx_err set_features(const struct cap_source_config *c, ArvCamera *cam, bool of_trigger,
                             struct pvx_diag *d)
 {
@@ -264,8 +264,8 @@ static pvx_err set_features(const struct cap_source_config *c, ArvCamera *cam, b
 pvx_err aravis_configure(const struct cap_source_config *c, ArvCamera *cam, struct aravis_layout *l,
                          struct aravis_chunks *chunks, struct pvx_diag *d)
 {
-    /* PTP first: it settles while the rest is set.  Then features: they may be what makes the rest
-     * possible (a user set, a binning mode). */
+    /* PTP first: it settles while the rest is set.  Then features, because the rest may need them (a user set, a
+     * binning mode). */
     PVX_TRY(aravis_ptp_enable(c, cam, d));
     PVX_TRY(set_features(c, cam, false, d));
     PVX_TRY(setup_set_format(c, cam, l, d));

@@ -1,6 +1,6 @@
-/* setup.h - a camera made what the configuration says (private to the aravis: files).
- * Everything that is set is read back; a camera that does otherwise is refused with its own words
- * and limits. */
+/* setup.h - applies the configuration to a camera (private to the aravis: files).
+ * Every value that is set is read back.  If the camera has another one, it is refused; the error gives the camera's
+ * value and limits. */
 #ifndef CAP_ARAVIS_SETUP_H
 #define CAP_ARAVIS_SETUP_H
 #include <arv.h>
@@ -20,7 +20,7 @@ PVX_MUST_CHECK pvx_err aravis_configure(const struct cap_source_config *c, ArvCa
                                         struct aravis_layout *layout, struct aravis_chunks *chunks,
                                         struct pvx_diag *d);
 
-/* True when lost packets are worth asking for again. */
+/* Whether to ask the camera for lost packets again. */
 bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera);
 
 #endif

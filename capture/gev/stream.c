@@ -21,24 +21,24 @@
 #define SPARE       2 /* buffers that always stay with the stream */
 #define PAYLOAD_MAX ((size_t)1 << 32)
 
-/* what cap_gige says with 0 */
+/* defaults, for 0 in cap_gige */
 #define RETENTION_MS      50.0
 #define PACKET_TIMEOUT_MS 5.0
 #define SOCKET_BUFFER     (8 << 20)
 
-/* Live until the last frame of them is back, longer than the source maybe. */
+/* They live until their last frame is released, perhaps longer than the source. */
 struct aravis_buffers {
-    ArvStream *stream; /* while they are lent out: between cap_lend_run(true) and (false) */
+    ArvStream *stream; /* used between cap_lend_run(true) and cap_lend_run(false) only */
     unsigned n;
-    unsigned char *memory; /* of all; buffer i at i * step */
+    unsigned char *memory; /* of all buffers; buffer i at i * step */
     size_t step;
-    ArvBuffer *buffer[]; /* [n], a reference each; user data: its index */
+    ArvBuffer *buffer[]; /* [n], one reference each; user data: its index */
 };
 
 /* ---- buffers ---------------------------------------------------------------------------------- */
 
-/* Aravis leaves the stamp of the last use in a buffer until a leader comes: with 0 in it, a frame
- * without its own is known. */
+/* Aravis leaves the stamp of the last use in a buffer until a leader comes.  So the stamp is set to 0 here, and a
+ * frame without a stamp of its own is recognised. */
 static bool stream_queue(void *ctx, unsigned index)
 {
     struct aravis_buffers *bs = ctx;
@@ -89,7 +89,7 @@ static void stream_count(struct aravis_source *s, enum cap_count what, uint64_t 
     s->sink.count(s->sink.ctx, s->c.camera, what, n);
 }
 
-/* What the leader says about the size may be wrong: no more than what the buffer has. */
+/* The image in a buffer.  The leader may announce a wrong size, so the size is limited to the buffer's payload. */
 static struct cap_image stream_image_of(ArvBuffer *b, const unsigned char *mem, size_t payload)
 {
     struct cap_image img = {.data = mem};
@@ -113,7 +113,7 @@ static struct cap_image stream_image_of(ArvBuffer *b, const unsigned char *mem, 
     return img;
 }
 
-/* Numbers missing before `id`, less those that came as incomplete frames. */
+/* Count the numbers missing before `id`, less those that came as incomplete frames. */
 static void count_gap(struct aravis_source *s, bool first, uint64_t before, uint64_t id)
 {
     uint64_t gap = first ? 0 : id - before - 1;
@@ -127,7 +127,7 @@ static unsigned index_of(ArvBuffer *b)
     return GPOINTER_TO_UINT(arv_buffer_get_user_data(b));
 }
 
-/* To the stream again, unless that is being stopped. */
+/* Give the buffer back to the stream, unless the stream is being stopped. */
 static void stream_give_back(struct aravis_source *s, ArvBuffer *b)
 {
     unsigned i = index_of(b);
@@ -135,7 +135,7 @@ static void stream_give_back(struct aravis_source *s, ArvBuffer *b)
     cap_lend_back(s->lend, i);
 }
 
-/* A frame whose number is not known. */
+/* Drop a frame whose number is not known. */
 static void stream_drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
 {
     s->unnumbered++;
@@ -143,7 +143,7 @@ static void stream_drop(struct aravis_source *s, ArvBuffer *b, enum cap_count ca
     stream_give_back(s, b);
 }
 
-/* Fewer bytes than the rows that the frame itself announces. */
+/* Whether the image has fewer bytes than the rows that the frame itself announces. */
 static bool is_short(const struct cap_image *img)
 {
     size_t row = cap_pixfmt_row(img->fmt, img->width), rows = (size_t)img->height, need;
@@ -203,8 +203,8 @@ static void stream_done(struct aravis_source *s, ArvBuffer *b)
     s->sink.push(s->sink.ctx, f);
 }
 
-/* All that are out: Aravis 0.8.26 does not announce a buffer that it spent on a packet of an unknown kind,
- * and each one left there would hold back every later frame by one. */
+/* Take all finished buffers.  Aravis 0.8.26 does not announce a buffer that it used for a packet of an unknown kind.
+ * Each such buffer left in the queue would delay every later frame by one. */
 static void pop_done(struct aravis_source *s)
 {
     ArvBuffer *b;
@@ -220,12 +220,12 @@ static void pop_done(struct aravis_source *s)
 static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
 {
     struct aravis_source *s = user;
-    (void)buffer; /* those that are done come out of the queue */
+    (void)buffer; /* finished buffers come out of the queue */
     switch (type) {
     case ARV_STREAM_CALLBACK_TYPE_INIT: aravis_make_realtime(&s->c); break;
     case ARV_STREAM_CALLBACK_TYPE_START_BUFFER:
-        /* Aravis' queue gave the buffer; the lender's lock makes what its last user did to it visible
-         * here in terms that do not depend on GLib's inside. */
+        /* The buffer comes from Aravis' queue.  Taking the lender's lock makes the writes of its last user visible
+         * here, without relying on the inside of GLib. */
         cap_lend_n_out(s->lend);
         break;
     case ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE: pop_done(s); break;

@@ -45,7 +45,7 @@ static pvx_err no_such_trigger(const struct cap_source_config *c, const char *wa
                     want, have);
 }
 
-/* Set the source, and see that the camera waits for it. */
+/* Set the source, and check that the camera waits for it. */
 static pvx_err trigger_wait_for(const struct cap_source_config *c, ArvCamera *cam,
                                 const char *source, struct pvx_diag *d)
 {
@@ -67,7 +67,7 @@ static pvx_err trigger_wait_for(const struct cap_source_config *c, ArvCamera *ca
                     source, now, mode != NULL ? mode : "?");
 }
 
-/* The line may also be an output.  Cameras without the choice have fixed ones. */
+/* Make the line an input.  Cameras without the choice have fixed lines. */
 static void make_input(ArvCamera *cam, const char *line)
 {
     if (!arv_camera_is_feature_available(cam, "LineMode", NULL) ||
@@ -97,8 +97,8 @@ static pvx_err set_key(const struct cap_source_config *c, ArvCamera *cam, const 
     return aravis_refused(c, d, feature, value, (double)got, (double)min, (double)max);
 }
 
-/* Cameras number their actions from 0 or from 1; the trigger source and the selector of the keys go
- * by the same number. */
+/* Cameras number their actions from 0 or from 1.  The trigger source and the selector of the keys use the same
+ * number. */
 static pvx_err set_action(const struct cap_source_config *c, ArvCamera *cam,
                           const char *const *list, guint n, struct pvx_diag *d)
 {
@@ -159,7 +159,7 @@ pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam, st
     return e;
 }
 
-/* ---- does it stay so? -------------------------------------------------------------------------- */
+/* ---- checking the mode while the camera runs ---------------------------------------------------- */
 
 static void read_string(ArvCamera *cam, const char *feature, char *out, size_t size)
 {

@@ -10,14 +10,14 @@
 PVX_MUST_CHECK pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam,
                                           struct pvx_diag *d);
 
-/* What starts an exposure, as the camera says; mode "" = it has no TriggerMode, or does not answer. */
+/* What starts an exposure, as the camera reports; mode "" = it has no TriggerMode, or does not answer. */
 struct aravis_mode {
     char selector[32], mode[16], source[64];
 };
-/* Of a camera that has just been set up. */
+/* Reads the mode of a camera that has just been set up. */
 void aravis_mode_first(ArvCamera *cam, struct aravis_mode *out);
-/* Is it still `want`?  True, too, when there is nothing to compare.  `text` says what is wrong. */
+/* Whether the mode is still `want`; also true if there is nothing to compare.  Else `text` says what is wrong. */
 bool aravis_mode_is(ArvCamera *cam, const struct aravis_mode *want, char *text, size_t size);
-/* Set it again; true when the camera then says so. */
+/* Set the mode again.  True: the camera then reports it. */
 bool aravis_mode_again(ArvCamera *cam, const struct aravis_mode *want);
 #endif

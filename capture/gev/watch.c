@@ -18,10 +18,10 @@
 #include "capture/gev/ticks.h"
 
 #define MODE_NS (400 * PVX_NS_PER_MS)
-#define ROUND   5 /* of these, and everything is looked at */
+#define ROUND   5 /* everything is read in each fifth round of MODE_NS */
 #define LATCHES 3
 
-/* ---- one look at each thing ------------------------------------------------------------------- */
+/* ---- reading each value ----------------------------------------------------------------------- */
 
 static bool latch_once(struct aravis_source *s, const char *latch, const char *value, guint64 hz,
                        struct cap_health *h)
@@ -62,7 +62,7 @@ static void look_at_clock(struct aravis_source *s, struct cap_health *h)
     }
 }
 
-/* A software trigger must not wait for more than one question. */
+/* Release `device` for a moment, so that a software trigger waits for at most one question. */
 static void let_others(struct aravis_source *s)
 {
     pthread_mutex_unlock(&s->device);
@@ -96,8 +96,8 @@ static void look_at_device(struct aravis_source *s, struct cap_health *h)
     h->ptp_offset_ns = ptp.offset_ns;
 }
 
-/* Somebody may have changed what the camera waits for.  It is set again; a camera that cannot do that while
- * it takes frames is opened anew. */
+/* Another program may have changed the trigger mode.  It is set again.  A camera that cannot do that while it takes
+ * frames is opened again. */
 static void look_at_mode(struct aravis_source *s)
 {
     char is[CAP_DETAIL_MAX] = "", text[CAP_DETAIL_MAX];
@@ -119,7 +119,7 @@ static void look_at_mode(struct aravis_source *s)
         aravis_say_lost(s);
 }
 
-/* What Aravis' signal "control-lost" would say (last.h). */
+/* Whether we still control the camera.  This replaces Aravis' signal "control-lost" (last.h). */
 static bool watch_is_ours(struct aravis_source *s)
 {
     ArvDevice *device = arv_camera_get_device(s->camera);
@@ -204,7 +204,7 @@ static void *gev_watch(void *arg)
     bool bad_ptp = false, told = false;
     struct cap_health h = known_at_once(s);
     for (unsigned round = 0; !quits(s); round++) {
-        /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
+        /* Aravis would ask a camera that is gone for seconds, while other threads wait for its features. */
         bool there = s->route.camera == 0 || aravis_probe(s->route.camera, NULL);
         if (!watch_is_ours(s))
             aravis_say_lost(s);
