@@ -1,4 +1,4 @@
-/* controls.c - what the configuration says about the camera's controls: set and read back. */
+/* controls.c - sets the camera's controls to the configuration's values, and reads them back. */
 #include <ctype.h>
 #include <errno.h>
 #include <math.h>
@@ -13,7 +13,7 @@
 
 typedef struct v4l2_query_ext_ctrl control;
 
-/* What a refusal says. */
+/* What the text of a refusal needs. */
 struct request {
     const struct cap_source_config *c;
     const struct v4l_device *dev;
@@ -62,7 +62,7 @@ static bool query(const struct v4l_device *dev, uint32_t id, control *q)
     return v4l_call(dev->fd, VIDIOC_QUERY_EXT_CTRL, q) == 0;
 }
 
-/* By the number "0x009a0902" or by name.  False: not there. */
+/* Find a control by number, "0x009a0902", or by name.  False: the camera does not have it. */
 static bool controls_find(const struct v4l_device *dev, const char *name, control *q)
 {
     const uint32_t next = V4L2_CTRL_FLAG_NEXT_CTRL | V4L2_CTRL_FLAG_NEXT_COMPOUND;
@@ -126,7 +126,7 @@ static pvx_err controls_refused(const struct request *r, const char *why)
                     r->value, why, range);
 }
 
-/* One control, in the form that carries every type. */
+/* Get or set one control, in the form of the interface that has every type. */
 static int transfer(const struct v4l_device *dev, unsigned long request, struct v4l2_ext_control *x)
 {
     struct v4l2_ext_controls all = {.which = V4L2_CTRL_WHICH_CUR_VAL, .count = 1, .controls = x};
@@ -149,7 +149,7 @@ static pvx_err controls_set_number(const struct request *r, int64_t value)
     const control *q = r->q;
     bool wide = q->type == V4L2_CTRL_TYPE_INTEGER64;
     bool mask = q->type == V4L2_CTRL_TYPE_BITMASK;
-    /* Drivers clamp without a word: the range is looked at here. */
+    /* Drivers clamp values silently, so the range is checked here. */
     if (mask ? (value & ~(int64_t)(uint32_t)q->maximum) != 0
              : value < q->minimum || value > q->maximum)
         return controls_refused(r, "out of range");
@@ -169,7 +169,7 @@ static pvx_err controls_set_number(const struct request *r, int64_t value)
     if (mask)
         got = (uint32_t)x.value;
     uint64_t off = got > value ? (uint64_t)got - (uint64_t)value : (uint64_t)value - (uint64_t)got;
-    /* A value between two steps goes to the nearer one. */
+    /* A value between two steps is set to the nearer one. */
     uint64_t near = q->type == V4L2_CTRL_TYPE_INTEGER || wide ? q->step / 2 : 0;
     if (off <= near)
         return PVX_OK;
@@ -209,7 +209,7 @@ static bool menu_number(const struct v4l_device *dev, const control *q, const ch
     return false;
 }
 
-/* What a text says for this control; false: nothing. */
+/* The value that a text means for this control; false: none. */
 static bool controls_number_of(const struct v4l_device *dev, const control *q, const char *text,
                                int64_t *out)
 {
@@ -283,7 +283,7 @@ static bool controls_is_there(const struct v4l_device *dev, uint32_t id, control
     return query(dev, id, q) && (q->flags & V4L2_CTRL_FLAG_DISABLED) == 0;
 }
 
-/* Manual exposure; a rate that does not give way to it. */
+/* Set the exposure: manual mode, and a frame rate that does not give way to it. */
 static pvx_err controls_set_exposure(const struct cap_source_config *c,
                                      const struct v4l_device *dev, struct pvx_diag *d)
 {
@@ -308,7 +308,7 @@ static pvx_err controls_set_exposure(const struct cap_source_config *c,
     if (controls_is_there(dev, V4L2_CID_EXPOSURE_AUTO_PRIORITY, &automatic) &&
         (automatic.flags & V4L2_CTRL_FLAG_READ_ONLY) == 0)
         PVX_TRY(set_value(c, dev, &automatic, 0, d));
-    if (!controls_is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q)) /* its flags have changed */
+    if (!controls_is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q)) /* again: its flags have changed */
         return PVX_EIO;
     double want = c->exposure_us / 100;
     if (want < (double)q.minimum - 0.5 || want > (double)q.maximum + 0.5)
@@ -341,7 +341,7 @@ pvx_err v4l_set_controls(const struct cap_source_config *c, const struct v4l_dev
     PVX_TRY(controls_set_exposure(c, dev, d));
     PVX_TRY(set_gain(c, dev, d));
     for (size_t i = 0; i < c->n_features;
-         i++) /* in their order: an automatic mode off, then its value */
+         i++) /* in the given order: for example an automatic mode off, then its value */
         PVX_TRY(controls_set_feature(c, dev, &c->features[i], d));
     return PVX_OK;
 }

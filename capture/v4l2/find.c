@@ -1,4 +1,4 @@
-/* find.c - which camera a name means, also after it has been plugged in elsewhere. */
+/* find.c - finds the camera that a name means, also after it was plugged into another port. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -19,7 +19,7 @@
 struct node {
     struct v4l_device dev; /* fd = -1 */
     unsigned number;       /* of /dev/videoN */
-    unsigned index;        /* which of the nodes of its device */
+    unsigned index;        /* of the node within its device */
     char serial[64];       /* of the USB device; "" = none */
 };
 
@@ -30,7 +30,7 @@ struct nodes {
 
 /* ---- errors ----------------------------------------------------------------------------------- */
 
-/* The processes that have the node open, "firefox (pid 123)"; only root sees everybody's. */
+/* The processes that have the node open, "firefox (pid 123)"; only root sees those of all users. */
 static void say_users(const char *node, struct v4l_text *t)
 {
     struct stat want, st;
@@ -113,7 +113,7 @@ pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char
 
 /* ---- nodes ------------------------------------------------------------------------------------ */
 
-/* Open and ask what it is; *capture: images can be streamed from it.  errno on failure. */
+/* Open the node and query its capabilities; *capture: images can be streamed from it.  False: see errno. */
 static bool find_look(const char *path, struct v4l_device *dev, bool *capture)
 {
     struct v4l2_capability cap = {0};
@@ -144,7 +144,7 @@ static int find_by_number(const void *a, const void *b)
     return (x->number > y->number) - (x->number < y->number);
 }
 
-/* What sysfs says of the node, also where no udevd runs. */
+/* Read the node's entries in sysfs, which also works without udevd. */
 static void find_describe(sd_device *dev, struct node *k)
 {
     sd_device *usb;
@@ -158,7 +158,7 @@ static void find_describe(sd_device *dev, struct node *k)
         snprintf(k->serial, sizeof k->serial, "%s", text);
 }
 
-/* The capture nodes there are, in order.  Owner: caller, free(at). */
+/* List the capture nodes, in order.  Owner: caller, free(at). */
 static pvx_err scan(struct nodes *out)
 {
     sd_device_enumerator *all = NULL;
@@ -193,7 +193,7 @@ static pvx_err scan(struct nodes *out)
     return PVX_OK;
 }
 
-/* Does `name` ("usb-SERIAL", "SERIAL", bus, card), without #INDEX, mean this node? */
+/* Whether `name` ("usb-SERIAL", "SERIAL", bus, card), without #INDEX, means this node. */
 static bool find_means(const struct node *k, const char *name)
 {
     if (strcmp(name, k->dev.bus) == 0 || strcmp(name, k->dev.card) == 0)
@@ -233,7 +233,7 @@ static const struct node *v4l2_find(const struct nodes *all, const char *uri, un
     return found;
 }
 
-/* The shortest name that means this node alone and goes on doing so when it is plugged in anew. */
+/* The shortest name that means only this node and stays valid when the device is plugged in again. */
 static void stable_name(const struct nodes *all, const struct node *k, char *out, size_t size)
 {
     unsigned n;

@@ -77,7 +77,7 @@ struct v4l_fourcc_text v4l_fourcc_text(uint32_t fourcc)
     return t;
 }
 
-/* BT.2020 and SMPTE 240M are nearest to BT.709 among the matrices and curves that are known here. */
+/* Among the matrices and curves known here, BT.709 is the nearest to BT.2020 and SMPTE 240M. */
 uint8_t v4l_yuv(enum cap_pixfmt fmt, uint32_t colorspace, uint32_t ycbcr_enc, uint32_t quantization,
                 uint32_t xfer_func)
 {

@@ -3,7 +3,7 @@
 #include "base/log.h"
 #include "capture/v4l2/v4l2.h"
 
-/* What both forms of the interface say about a picture. */
+/* The picture format, for both forms of the interface. */
 struct picture {
     uint32_t fourcc, width, height, field, stride, size;
     uint32_t colorspace, ycbcr_enc, quantization, xfer_func;
@@ -67,7 +67,7 @@ static pvx_err refused_format(const struct cap_source_config *c, const struct v4
                     cap_pixfmt_name(c->fmt), offered);
 }
 
-/* The code to ask for: the one configured, else what the camera is set to, else its first one. */
+/* Choose the code to ask for: the configured one, else the camera's present one, else its first. */
 static pvx_err setup_choose(const struct cap_source_config *c, const struct v4l_device *dev,
                             const struct picture *now, uint32_t *out, struct pvx_diag *d)
 {
@@ -148,7 +148,7 @@ static pvx_err v4l2_set_format(const struct cap_source_config *c, const struct v
     bool sized = c->width > 0 && c->height > 0;
     f = setup_format_of(dev, *code, sized ? (uint32_t)c->width : now.width,
                         sized ? (uint32_t)c->height : now.height);
-    /* What a driver cannot do it replaces without a word: the answer is looked at. */
+    /* A driver silently replaces values that it does not support, so the answer is checked. */
     if (v4l_call(dev->fd, VIDIOC_S_FMT, &f) != 0)
         return v4l_fail(c, dev->node, "VIDIOC_S_FMT", d);
     if (v4l_mplane(dev) && f.fmt.pix_mp.num_planes != 1)
@@ -159,7 +159,7 @@ static pvx_err v4l2_set_format(const struct cap_source_config *c, const struct v
     return read_layout(c, dev, &p, l, d);
 }
 
-/* As a fraction that drivers' tables have: whole rates exactly, others to 1/1000 Hz. */
+/* The period as a fraction that drivers' tables contain: whole rates exactly, others to 1/1000 Hz. */
 static struct v4l2_fract period_of(double fps)
 {
     double whole = nearbyint(fps);

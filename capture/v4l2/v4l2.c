@@ -36,14 +36,14 @@
 
 #define SPARE       2   /* buffers that always stay with the driver */
 #define COPIED_FROM 6   /* buffers asked for when images are copied */
-#define LOOK_MS     250 /* a driver that does not wake us is asked that often */
-#define NAP_MS      1   /* after being woken for nothing */
+#define LOOK_MS     250 /* interval to ask a driver that does not wake us */
+#define NAP_MS      1   /* pause after a wake-up without a buffer */
 #define STAMP_MAX   (10 * PVX_NS_PER_S)
 #define RT_PRIORITY 10
 
-/* The driver's buffers; live until the last frame of them is back, longer than the source maybe. */
+/* The driver's buffers.  They live until their last frame is released, perhaps longer than the source. */
 struct buffers {
-    int fd; /* the source's; used while streaming only */
+    int fd; /* the source's; used only while streaming */
     uint32_t type;
     unsigned n;
     struct {
@@ -69,11 +69,11 @@ struct source {
     bool streaming;
 
     /* the thread's: */
-    bool stamped, odd_stamp; /* the first frame's stamp was looked at */
+    bool stamped, odd_stamp; /* a stamp was checked; the last message was about odd stamps */
     struct cap_numbering sequence;
 };
 
-/* A buffer as it comes from the driver, both forms of the interface. */
+/* A buffer from the driver, for both forms of the interface. */
 struct filled {
     unsigned index;
     uint32_t flags, sequence;
@@ -207,7 +207,7 @@ static int dequeue(struct source *s, struct filled *out)
     return 0;
 }
 
-/* Number of the next good frame; what is missing before it is counted. */
+/* Number of the next good frame.  Counts the frames missing before it. */
 static uint64_t v4l2_number(struct source *s, uint32_t counter)
 {
     uint64_t gap, id = cap_numbering_next(&s->sequence, counter, &gap);
@@ -216,7 +216,7 @@ static uint64_t v4l2_number(struct source *s, uint32_t counter)
     return id;
 }
 
-/* Exposure on CLOCK_MONOTONIC, 0 = not known. */
+/* Time of exposure on CLOCK_MONOTONIC; 0 = not known. */
 static int64_t v4l2_exposure_time(struct source *s, const struct filled *b, int64_t arrival_mono)
 {
     bool mono = (b->flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
@@ -243,7 +243,7 @@ static int64_t v4l2_exposure_time(struct source *s, const struct filled *b, int6
                                           : b->stamp_ns - llrint(s->exposure_us * 1e3);
 }
 
-/* The frame for a full buffer, or NULL: none is free.  *lent: the buffer went with it. */
+/* The frame for a full buffer; NULL: none is free.  *lent: the frame holds the buffer. */
 static struct cap_frame *v4l2_frame_for(struct source *s, const struct filled *b, bool *lent)
 {
     const unsigned char *data = (const unsigned char *)s->buffers->at[b->index].mem + b->offset;
@@ -297,7 +297,7 @@ static void v4l2_deliver(struct source *s, const struct filled *b)
     s->sink.push(s->sink.ctx, f);
 }
 
-/* All that is ready; 0 when the device goes on, else why not. */
+/* Deliver all buffers that are ready.  Returns 0 if the device goes on, else its errno. */
 static int v4l2_drain(struct source *s, bool *any)
 {
     struct filled b = {0};
@@ -349,7 +349,7 @@ static void v4l2_close(cap_source **sp)
         return;
     *sp = NULL;
     if (s->lend != NULL) {
-        /* Memory that is still with the consumer stays; the device is free for the next one. */
+        /* Memory that the consumer still uses stays mapped.  The device is free for the next user. */
         struct v4l2_requestbuffers none = {.type = s->dev.type, .memory = V4L2_MEMORY_MMAP};
         v4l_call(s->dev.fd, VIDIOC_REQBUFS, &none);
         cap_lend_close(&s->lend);
