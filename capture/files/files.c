@@ -20,16 +20,16 @@
 #include "capture/files/sequence.h"
 
 #define LEAD_NS (100 * PVX_NS_PER_MS)          /* from the first start to the first frame */
-#define FAR_NS  (INT64_MAX / 2 - PVX_NS_PER_S) /* no time is further off */
+#define FAR_NS  (INT64_MAX / 2 - PVX_NS_PER_S) /* the farthest time used */
 
 /* The time line; lives while any files: source is open. */
 static struct {
     pthread_mutex_t lock;
     unsigned users;
     int64_t first, last; /* numbers of one turn, all cameras */
-    bool known, fixed;   /* any registered; no longer to be changed: a camera is in turn 2 */
+    bool known, fixed;   /* a camera has registered; fixed because a camera is in turn 2 */
     bool running;
-    int64_t origin; /* this number is due at: */
+    int64_t origin; /* the number that is due at: */
     int64_t start_mono_ns, start_real_ns;
 } line = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
@@ -46,7 +46,7 @@ struct files {
     enum cap_pixfmt fmt;
     int64_t period_ns;
     bool loop;
-    bool joined; /* the common time line */
+    bool joined; /* has joined the common time line */
     bool said_unreadable, said_unfit;
 };
 
@@ -99,7 +99,7 @@ static void line_start(int64_t number)
     pthread_mutex_unlock(&line.lock);
 }
 
-/* How long `numbers` periods are: a number may be a date, and then there are many. */
+/* The length of `numbers` periods, limited to FAR_NS: a number may be a date, and so very large. */
 static int64_t lasts(int64_t numbers, int64_t period)
 {
     int64_t most = FAR_NS / period;
@@ -115,8 +115,8 @@ static void line_due(int64_t place, int64_t period, int64_t *mono, int64_t *real
     pthread_mutex_unlock(&line.lock);
 }
 
-/* A replay is the same on every run, so its times count from 1 s after the epoch, which is number 0's; or
- * the first one's, where numbers are too large for that. */
+/* A replay gives the same times on every run.  They count from 1 s after the epoch, which is the time of number 0, or
+ * of the first number if numbers are too large for that. */
 static int64_t line_time(int64_t place, int64_t period)
 {
     pthread_mutex_lock(&line.lock);
@@ -140,8 +140,8 @@ static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)
     return e == PVX_ECLOSED ? pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", s->name) : e;
 }
 
-/* Length of a video that is to be looped, by going through it: containers only estimate it, and
- * turns of different length would shift the cameras against each other. */
+/* Measure the length of a looped video by reading it to its end.  Containers only estimate the length, and turns of
+ * different length would shift the cameras against each other. */
 static pvx_err measure_video(struct files *s, struct pvx_diag *d)
 {
     pvx_err e;
@@ -152,7 +152,7 @@ static pvx_err measure_video(struct files *s, struct pvx_diag *d)
     return e == PVX_ECLOSED ? open_video(s, &fps, d) : e;
 }
 
-/* The first image that can be read says what the configuration leaves open. */
+/* The first readable image gives the size and format that the configuration leaves open. */
 static pvx_err files_look_at_first(struct files *s, struct pvx_diag *d)
 {
     if (s->width > 0 && s->height > 0 && s->fmt != CAP_FMT_NONE)
@@ -220,7 +220,7 @@ static void files_unreadable(struct files *s, const char *text)
     s->said_unreadable = true;
 }
 
-/* Load image i of the sequence into a buffer; NULL: left out, and counted. */
+/* Load image i of the sequence into a buffer.  NULL: it is left out and counted. */
 static struct cap_frame *load_image(struct files *s, size_t i)
 {
     const char *path = s->seq.item[i].path;
@@ -238,7 +238,7 @@ static struct cap_frame *load_image(struct files *s, size_t i)
 
 /* ---- thread ----------------------------------------------------------------------------------- */
 
-/* Hand over at its time; false = stop. */
+/* Hand over the frame at its time; false = stop. */
 static bool files_deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t due,
                           int64_t real)
 {
@@ -254,7 +254,7 @@ static bool files_deliver(struct files *s, struct cap_frame *f, int64_t place, i
     return true;
 }
 
-/* One frame of turn `turn`: *img of a video, or number i of the sequence.  Adds to *good. */
+/* Play one frame of turn `turn`: *img of a video, or image i of the sequence.  Adds to *good; false = stop. */
 static bool files_one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img,
                       size_t i, uint64_t *good)
 {
@@ -279,7 +279,7 @@ static bool files_one(struct files *s, int64_t turn, int64_t number, const struc
     return files_deliver(s, f, place, due, real);
 }
 
-/* A turn through the images; false = stop. */
+/* Play one turn through the images; false = stop. */
 static bool turn_images(struct files *s, int64_t turn, uint64_t *good)
 {
     for (size_t i = 0; i < s->seq.n; i++) {
@@ -320,7 +320,7 @@ static void *files_run(void *arg)
         uint64_t good = 0;
         if (!(s->seq.n > 0 ? turn_images : turn_video)(s, turn, &good))
             return NULL;
-        if (!s->loop || good == 0) /* another turn without a frame would be for nothing */
+        if (!s->loop || good == 0) /* a turn without frames is not repeated */
             break;
     }
     cap_player_event(&s->player, CAP_EV_END);

@@ -24,7 +24,7 @@
 static struct {
     pthread_once_t once;
     const struct cap_cv *cv;
-    char why[PVX_DIAG_MAX]; /* it could not be loaded */
+    char why[PVX_DIAG_MAX]; /* why it could not be loaded */
 } module = {.once = PTHREAD_ONCE_INIT};
 
 static void imgio_find_module(void)
@@ -98,7 +98,7 @@ static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct 
     return PVX_OK;
 }
 
-/* By the decoder of the cameras' pictures: OpenCV takes one that is cut or damaged for whole. */
+/* Uses the decoder of the cameras' pictures, because OpenCV accepts a cut or damaged picture as whole. */
 static pvx_err from_jpeg(const char *bytes, size_t len, const char *path,
                          const struct cap_picture *p, struct cap_loaded *out, struct pvx_diag *d)
 {
@@ -134,7 +134,7 @@ static pvx_err from_module(const char *bytes, size_t len, const char *path,
         return module_error(e, path, err, d);
     imgio_describe(out, img.data, img.width, img.height, imgio_format_of(img.channels, img.depth));
     uint32_t w = (uint32_t)img.width, h = (uint32_t)img.height;
-    bool turned = p->kind == CAP_FILE_TIFF && w == p->height && h == p->width; /* so it says */
+    bool turned = p->kind == CAP_FILE_TIFF && w == p->height && h == p->width; /* by its tags */
     if ((w == p->width && h == p->height) || turned)
         return PVX_OK;
     cap_loaded_free(out);
@@ -298,7 +298,7 @@ struct cap_video {
     char *path;
 };
 
-/* An animated PNG says its size before libavformat, which decodes a picture to open it, makes room for one. */
+/* Check the size of an animated PNG before libavformat, which decodes a picture on opening, allocates one. */
 static pvx_err check_png(const char *path, uint64_t bytes, struct pvx_diag *d)
 {
     unsigned char b[24];
@@ -349,7 +349,7 @@ pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d)
         return module_error(failed, v->path, err, d);
     if (img == NULL)
         return PVX_OK;
-    /* A picture within may have another size: it is there already. */
+    /* A picture in the video may have another size.  It is in memory already. */
     PVX_TRY(cap_picture_fits((uint32_t)f.width, (uint32_t)f.height, UINT64_MAX, v->path, d));
     *img =
         (struct cap_image){f.data, f.size, f.width, f.height, (ptrdiff_t)f.width * 3, CAP_RGB8, 0};

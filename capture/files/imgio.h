@@ -14,10 +14,10 @@ struct cap_loaded {
     void *mem;
 };
 
-/* By extension .npy .png .tif .tiff .jpg .jpeg.  .npy: [h][w] or [h][w][1|3], little-endian f4, u1,
- * u2, f8 (narrowed), C order.  Of the others the bytes say what they are; at most 16384 pixels each way, and no more for
- * the size of the file than picture.h says.  A named pipe is waited for (pvx_file_await). Errors name
- * the file and the reason. */
+/* By extension .npy .png .tif .tiff .jpg .jpeg.  .npy: [h][w] or [h][w][1|3], little-endian f4, u1, u2, f8
+ * (narrowed), C order.  For the others the bytes decide the type.  They have at most 16384 pixels each way, and no
+ * more pixels for the size of the file than picture.h allows.  Waits for the writer of a named pipe
+ * (pvx_file_await).  Errors name the file and the reason. */
 PVX_MUST_CHECK pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d);
 void cap_loaded_free(struct cap_loaded *l);
 
@@ -25,14 +25,14 @@ void cap_loaded_free(struct cap_loaded *l);
 PVX_MUST_CHECK pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
                                       int nch, struct pvx_diag *d);
 
-/* Samples as they are, without loss: 8 or 16 bits (uint8_t, uint16_t), 1 channel or RGB, tightly packed, to
- * .png; atomic write. */
+/* Writes samples without loss to .png: 8 or 16 bits (uint8_t, uint16_t), 1 channel or RGB, tightly packed; atomic
+ * write. */
 PVX_MUST_CHECK pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h,
                                        int nch, int depth, struct pvx_diag *d);
 
-/* Pictures of one size and 8 bits into one animated PNG (browsers show it; it goes round for ever).  fps
- * 1..100.  It is kept in memory, at most 2 GB, and written whole by cap_apng_end, which frees it also when
- * that fails; atomic write.  Errors name the file. */
+/* Pictures of one size and 8 bits into one animated PNG (browsers show it in an endless loop).  fps 1..100.  It is
+ * kept in memory, at most 2 GB.  cap_apng_end writes it whole and frees it, also on failure; atomic write.
+ * Errors name the file. */
 typedef struct cap_apng cap_apng;
 PVX_MUST_CHECK pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
                                       cap_apng **out, struct pvx_diag *d);
@@ -54,7 +54,7 @@ PVX_MUST_CHECK pvx_err cap_npy_parse(const void *bytes, size_t len, const char *
 typedef struct cap_video cap_video;
 PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out, double *fps,
                                       struct pvx_diag *d);
-/* PVX_ECLOSED at the end.  img borrowed until the next call; NULL: only go past it, which makes no pixels of it. */
+/* PVX_ECLOSED at the end.  img is borrowed until the next call.  img NULL: skip the frame without decoding pixels. */
 PVX_MUST_CHECK pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d);
 void cap_video_close(cap_video **v);
 #endif

@@ -35,7 +35,7 @@ static bool npy_accept(struct cursor *c, char ch)
     return true;
 }
 
-/* 'text' or "text" into out, cut short never: false when it does not fit. */
+/* 'text' or "text" into out.  It is never cut short: false if it does not fit. */
 static bool npy_quoted(struct cursor *c, char *out, size_t size)
 {
     skip_space(c);
@@ -77,7 +77,7 @@ static bool npy_number(struct cursor *c, size_t *out)
     return c->p > start;
 }
 
-/* (a,) or (a, b, ...); ndim counts beyond 4 too, so that the message can say so. */
+/* (a,) or (a, b, ...); ndim also counts beyond 4, so that the message can give it. */
 static bool shape(struct cursor *c, struct cap_npy *a)
 {
     if (!npy_accept(c, '('))

@@ -1,5 +1,5 @@
 /* npy.h - the header of a .npy file (NumPy's documented format, versions 1 to 3); inside capture.
- * Threads: pure.  Every offset and product is checked against the bytes that are there. */
+ * Threads: pure.  Every offset and product is checked against the bytes present. */
 #ifndef CAP_NPY_H
 #define CAP_NPY_H
 #include <stddef.h>
@@ -16,8 +16,8 @@ struct cap_npy {
     const void *data; /* [count], unaligned, inside the bytes parsed */
 };
 
-/* `name` is what messages call the file.  PVX_EFORMAT, PVX_EUNSUP (known to NumPy, not read here),
- * PVX_EVERSION; the diag says which property is wrong. */
+/* `name`: the file's name in messages.  PVX_EFORMAT, PVX_EUNSUP (known to NumPy, not read here), PVX_EVERSION; the
+ * diag says which property is wrong. */
 PVX_MUST_CHECK pvx_err cap_npy_header(const void *bytes, size_t len, const char *name,
                                       struct cap_npy *out, struct pvx_diag *d);
 /* All elements as float (integers unscaled) to out [count]. */

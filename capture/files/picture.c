@@ -13,7 +13,7 @@ struct bytes {
     bool big_endian;
 };
 
-/* `size` bytes from `at` on as a number; 0 where there are not as many. */
+/* `size` bytes from `at` on as a number; 0 if they are not all there. */
 static uint64_t picture_number(const struct bytes *b, uint64_t at, unsigned size)
 {
     uint64_t v = 0;
@@ -37,8 +37,9 @@ void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *h
     *height = says ? (uint32_t)picture_number(&b, 20, 4) : 0;
 }
 
-/* The first folder of tags; TIFF 6.0, section 2, and BigTIFF, where counts and offsets have 8 bytes.  Of colour the number
- * of samples must be there: where it is not, libtiff reads one, OpenCV takes three, and two were never written. */
+/* Reads the first folder of tags; TIFF 6.0, section 2, and BigTIFF, where counts and offsets have 8 bytes.  A colour
+ * picture must state its number of samples.  If it does not, libtiff reads one sample and OpenCV takes three, two of
+ * which were never written. */
 static void tiff(struct bytes *b, struct cap_picture *out)
 {
     b->big_endian = b->p[0] == 'M';

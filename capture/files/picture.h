@@ -24,10 +24,10 @@ struct cap_picture {
 PVX_MUST_CHECK pvx_err cap_picture_fits(uint32_t width, uint32_t height, uint64_t len,
                                         const char *name, struct pvx_diag *d);
 
-/* Pixels as the head of a PNG says, 24 bytes; 0x0: it is none, or does not say. */
+/* Width and height from the head of a PNG, 24 bytes; 0x0: it is not a PNG, or has no size there. */
 void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *height);
 
-/* `name` is what messages call the file.  PVX_EFORMAT (none of the three), PVX_ECORRUPT, PVX_ERANGE. */
+/* `name`: the file's name in messages.  PVX_EFORMAT (none of the three types), PVX_ECORRUPT, PVX_ERANGE. */
 PVX_MUST_CHECK pvx_err cap_picture_head(const void *bytes, size_t len, const char *name,
                                         struct cap_picture *out, struct pvx_diag *d);
 #endif

@@ -12,7 +12,7 @@
 
 #define MAX_DIGITS 12 /* of a frame number */
 
-/* "flame_%04d.png" taken apart; a plain folder has no such thing. */
+/* The parts of "flame_%04d.png"; a plain folder has no pattern. */
 struct pattern {
     const char *suffix;
     size_t prefix_len, suffix_len;
@@ -79,7 +79,8 @@ static int64_t sequence_digits(const char *s, size_t n)
     return v;
 }
 
-/* What printf would have made of one number, and only that: %06d gives no "12" and no "0000012". */
+/* The number of a file whose name is exactly what printf gives for it: %06d gives neither "12" nor "0000012".
+ * -1: there is none. */
 static int64_t fits_pattern(const char *file, const char *name, const struct pattern *p)
 {
     size_t len = strlen(file);
@@ -180,7 +181,7 @@ static pvx_err sequence_find(const char *name, struct cap_sequence *s, struct pv
             return pvx_fail(d, PVX_EINVAL, "%.80s...: name too long", name);
         return from_folder(dir, NULL, NULL, s, d);
     }
-    if (there) { /* one image, also with a * in its name */
+    if (there) { /* one image; its name may contain a * */
         size_t room = 0;
         int64_t number = last_digits(last);
         return sequence_add(s, &room, number < 0 ? 0 : number, "", name);

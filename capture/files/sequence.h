@@ -1,6 +1,6 @@
-/* sequence.h - the numbered image files that a name stands for.
+/* sequence.h - finds the numbered image files that a name means.
  *
- *   DIR/cam0/%06d.png   printf pattern, one %d or %0Nd in the last part: all files that fit
+ *   DIR/cam0/%06d.png   printf pattern, one %d or %0Nd in the last part: all files that match
  *   DIR/cam0            folder: all images in it          DIR/cam0/a*.png     glob (* ? [)
  *   DIR/flame.png       one image
  * Except with a pattern, a file's number is the last run of digits in its name without extension
