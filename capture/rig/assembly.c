@@ -10,7 +10,7 @@
 #include "base/clock.h"
 #include "capture/rig/capture_int.h"
 
-#define STEP_NS  (2 * PVX_NS_PER_MS) /* the time of day was set, not steered */
+#define STEP_NS  (2 * PVX_NS_PER_MS) /* a larger change: the time of day was set, not steered */
 #define START_NS (5 * PVX_NS_PER_S)  /* patience with a camera that is slow in its first start */
 
 static void release_set(struct cap_capture *cap, struct cap_set *s)
@@ -33,7 +33,7 @@ static void count_skew(struct cap_skew_count *k, int64_t ns)
     pvx_hist_add(&k->abs, llabs(ns));
 }
 
-/* What a set says about the cameras.  Under figures. */
+/* Add a set to the statistics.  Under figures. */
 static void look_at_set(struct cap_capture *cap, const struct cap_set *s)
 {
     if (s->n == cap->n)
@@ -78,9 +78,9 @@ static void assembly_hand_over(struct cap_capture *cap)
     pthread_mutex_unlock(&cap->figures);
 }
 
-/* The host's time of day, as the frames' two arrival stamps show it, against the clock that is never
- * set.  A thread may be held up between reading the one and the other, so one frame that says otherwise
- * is no step; three are, or one and our own reading. */
+/* Follow the offset of the host's time of day from the clock that is never set, by the two arrival stamps of frames.
+ * A thread may be held up between reading the two clocks.  So one frame with another offset is no step; three such
+ * frames are, or one and our own reading. */
 static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f)
 {
     struct cap_host_clock *h = &cap->host;
@@ -115,7 +115,7 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
     cap_syncwatch_shift(&cap->watch, off);
 }
 
-/* Compare the camera with the others.  A clock that jumped says nothing about its trigger. */
+/* Compare the camera with the others.  After a jump of its clock, its past says nothing about its trigger. */
 static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const struct cap_frame *f,
                         uint64_t jumps)
 {
@@ -124,11 +124,11 @@ static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const s
     unsigned starts = cam->intake.starts;
     if (jumps != 0) {
         cam->count[CAP_CLOCK_JUMP] += jumps;
-        a->starts = starts - 1; /* as good as a start */
+        a->starts = starts - 1; /* handled like a start */
         a->unsure_left = cam->own_clock ? CAP_SETTLE_FRAMES : 0;
         a->unsure_until_ns = f->t_arrival_mono_ns + CAP_SETTLE_NS;
     }
-    /* while it is not sure whether the clock that it shows was set, the frame says nothing */
+    /* The frame is not used while it is not certain whether the clock of its stamps was set. */
     if (!cap->watches || (cam->shows_real && cap->host.n_doubts > 0))
         return;
     if (a->starts != starts)
@@ -139,7 +139,7 @@ static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const s
     cap_syncwatch_frame(&cap->watch, f);
 }
 
-/* What has been learnt of the camera's clock beside its frames. */
+/* Take the readings of the camera's clock. */
 static unsigned pop_readings(struct cap_readings *r, struct cap_reading out[CAP_READINGS])
 {
     pthread_mutex_lock(&r->lock);
@@ -157,7 +157,7 @@ static void map_clock(struct cap_capture *cap, struct cap_frame *f)
     struct cap_clockmap *clock = &cam->assembly.clock;
     struct cap_reading r[CAP_READINGS];
     if (f->set != 0)
-        return; /* the recording says when it was exposed */
+        return; /* the recording has the time of exposure */
     unsigned n = pop_readings(&cam->readings, r);
     pthread_mutex_lock(&cap->figures);
     follow_host_clock(cap, f);
@@ -187,8 +187,8 @@ static bool assembly_empty(const struct cap_camera *cam)
     return cam->assembly.head == NULL && pvx_ring_length(cam->intake.ring) == 0;
 }
 
-/* Nothing more will come: some source has ended, none runs, none has yet to be tried.  State before
- * ring: a source that has ended has pushed before. */
+/* Whether no more frames will come: some source has ended, none runs, and none is still to be tried.  The state is
+ * read before the ring, because a source that has ended has pushed its frames before. */
 static bool assembly_finished(const struct cap_capture *cap)
 {
     bool ended = false;
@@ -201,7 +201,7 @@ static bool assembly_finished(const struct cap_capture *cap)
     return ended;
 }
 
-/* It is being started for the first time: no set is to lack it only because another was faster. */
+/* Whether the camera is being started for the first time.  No set should lack it only because another was faster. */
 static bool on_its_way(const struct cap_capture *cap, const struct cap_camera *cam, int64_t now)
 {
     return !cam->life.given_up && cam->count[CAP_RECEIVED] == 0 &&
@@ -226,8 +226,8 @@ static bool assembly_earlier(const struct cap_frame *x, const struct cap_frame *
     return x->t_exposure_ns < y->t_exposure_ns;
 }
 
-/* The next frame of each camera, and of these the first: live to arrive, lossless to be exposed, for
- * which all that may send must have one. */
+/* The first of all cameras' next frames: live by arrival, lossless by exposure.  Lossless, every camera that may
+ * still send must have a next frame, else NULL. */
 static struct cap_frame *assembly_next_frame(struct cap_capture *cap)
 {
     bool lossless = cap->cfg.lossless, wait = false;
@@ -235,7 +235,7 @@ static struct cap_frame *assembly_next_frame(struct cap_capture *cap)
     for (uint32_t i = 0; i < cap->n; i++) {
         struct cap_camera *cam = &cap->camera[i];
         struct cap_frame **head = &cam->assembly.head;
-        bool more = may_send(cam); /* before the ring is looked into */
+        bool more = may_send(cam); /* read before the ring */
         if (*head == NULL && (*head = cap_intake_pop(cam)) != NULL && lossless)
             map_clock(cap, *head);
         if (*head == NULL)
@@ -254,15 +254,15 @@ static struct cap_frame *assembly_next_frame(struct cap_capture *cap)
     return f;
 }
 
-/* Tell the assembler whom to wait for, before the frame is put; sets may close. */
+/* Tell the assembler which cameras to wait for, before the frame is put.  Sets may close. */
 static void assembly_set_alive(struct cap_capture *cap, uint64_t mask)
 {
     for (uint32_t i = 0; i < cap->n; i++)
         cap_assembler_alive(cap->assembler, i, mask >> i & 1);
 }
 
-/* Next frame, or NULL: *end tells whether there will be one again, and all that came until *now has been
- * given out.  *alive is of the moment before it was taken, when its camera had it. */
+/* The next frame, or NULL: then *end = no more frames will come, and all frames that came until *now were given out.
+ * *alive: the cameras to wait for, just before the frame was taken; the frame's camera is one of them. */
 static struct cap_frame *wait_for_frame(struct cap_capture *cap, bool wait, uint64_t *alive,
                                         bool *end, int64_t *now)
 {
@@ -284,8 +284,8 @@ static struct cap_frame *wait_for_frame(struct cap_capture *cap, bool wait, uint
     }
 }
 
-/* The camera's clock has jumped a moment ago: the delay of its frames is not known well enough to say
- * where they belong. */
+/* Whether the camera's clock jumped a moment ago, so that the delay of its frames is not known well enough to match
+ * them. */
 static bool untimed(struct cap_capture *cap, const struct cap_frame *f)
 {
     struct cap_assembly *a = &cap->camera[f->camera].assembly;

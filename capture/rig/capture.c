@@ -100,7 +100,7 @@ pvx_err cap_capture_next(cap_capture *cap, int64_t timeout_ns, struct cap_set **
     return e;
 }
 
-/* Join the supervisors that come home in time, leave the others to themselves. */
+/* Join the supervisors that end in time, and leave the others behind. */
 static void end_supervisors(struct cap_capture *cap)
 {
     int64_t until = pvx_now_mono() + STUCK_NS;

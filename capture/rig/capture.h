@@ -17,13 +17,13 @@
 #include "capture/sync/frameset.h"
 
 #define CAP_ACTION_ADDRESSES 8
-/* How action commands go out (trigger.h). */
+/* How action commands are sent (trigger.h). */
 struct cap_action_config {
     struct cap_action_keys keys;
-    /* Where to; IPv4, host order; none = the broadcast address of every network that has a camera. */
+    /* Target addresses; IPv4, host order; none = the broadcast address of every network that has a camera. */
     uint32_t address[CAP_ACTION_ADDRESSES];
     size_t n_addresses;
-    int64_t lead_ns; /* > 0: scheduled, sent that much ahead of the instant; 0 = acted on at once */
+    int64_t lead_ns;  /* > 0: scheduled, sent this much before the instant; 0 = acted on at once */
     bool acknowledge; /* cameras answer; a missing answer is counted */
 };
 struct cap_action_stats {
@@ -32,7 +32,7 @@ struct cap_action_stats {
     uint64_t failed; /* the host could not send to all networks */
 };
 struct cap_action_answers {
-    uint64_t acknowledged, silent; /* the rest of `sent` was before it ran */
+    uint64_t acknowledged, silent; /* the rest of `sent` was sent before the camera ran */
     uint64_t refused;              /* answered with an error, of these: */
     uint64_t too_late;             /* the instant had passed when the command came */
     uint64_t no_clock;             /* the camera's clock is not synchronized */
@@ -40,9 +40,9 @@ struct cap_action_answers {
 
 struct cap_capture_config {
     uint32_t n_cameras;
-    /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, trigger, action, lossless
-     * are filled in, fps too when it is 0.  buffers: at least 4 more than the sets that the
-     * consumer holds at a time; 0 = 12.  Strings and features are copied; scene is borrowed. */
+    /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  .camera, .trigger, .action and .lossless are filled
+     * in here, .fps too if it is 0.  .buffers: at least 4 more than the sets that the consumer holds at a time;
+     * 0 = 12.  Strings and features are copied; scene is borrowed. */
     const struct cap_source_config *camera;
     struct cap_assembler_params sets; /* .cameras is filled in, .period_ns too when it is 0 */
     double fps;                       /* nominal */
@@ -56,8 +56,9 @@ struct cap_capture_config {
                                           clocks of their own: up to 8 in any case (intake.c) */
 };
 
-/* Exposure of a camera's frames minus the mean of their set: bin i holds cap_skew_edges_ns[i-1] <= skew <
- * cap_skew_edges_ns[i], open at both ends; and the same for the spread of sets, from 0 on. */
+/* Histogram of skew: the exposure of a camera's frames minus the mean of their set.  Bin i holds
+ * cap_skew_edges_ns[i-1] <= skew < cap_skew_edges_ns[i]; the first and the last bin are open.  The bins of the spread
+ * of sets are the same, from 0 on. */
 #define CAP_SKEW_BINS   29
 #define CAP_SPREAD_BINS 15
 extern const int64_t cap_skew_edges_ns[CAP_SKEW_BINS - 1];
@@ -68,7 +69,7 @@ struct cap_skew {
     uint64_t bin[CAP_SKEW_BINS];
 };
 
-/* What is wrong with a camera now, after it was first seen and until it has not been for a while. */
+/* A trouble of a camera, from its first occurrence until it has not occurred for a while. */
 #define CAP_TROUBLES_MAX 6
 struct cap_trouble {
     enum cap_count cause;
@@ -99,14 +100,14 @@ struct cap_camera_stats {
 };
 struct cap_stats {
     struct cap_camera_stats camera[CAP_MAX_CAMERAS];
-    uint64_t sets_complete, sets_partial; /* assembled: all cameras, some */
+    uint64_t sets_complete, sets_partial; /* assembled: with all cameras, with some */
     uint64_t sets_dropped;                /* of these, displaced because the consumer was slow */
     uint64_t sets_failed;                 /* closed with too few cameras, not given out */
     struct cap_action_stats action;
     struct pvx_hist spread;
     uint64_t spread_bin[CAP_SPREAD_BINS];
-    uint64_t all_gone;    /* times that all cameras were lost at once */
-    uint64_t host_steps;  /* times that the host's time of day was set by 2 ms or more */
+    uint64_t all_gone;    /* how often all cameras were lost at once */
+    uint64_t host_steps;  /* how often the host's time of day was set by 2 ms or more */
     int64_t host_step_ns; /* the last of these */
 };
 
@@ -114,16 +115,16 @@ typedef struct cap_capture cap_capture;
 /* Errors: PVX_EINVAL (a value, an unknown scheme; diag names the camera), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out,
                                        struct pvx_diag *d);
-/* Returns at once: cameras are opened by their threads. Once only. */
+/* Returns at once, because each camera's thread opens it.  To be called only once. */
 PVX_MUST_CHECK pvx_err cap_capture_start(cap_capture *c, struct pvx_diag *d);
-/* PVX_ETIMEDOUT; PVX_ECLOSED after stop, or when sources have ended, none is left running and all
- * sets are out. */
+/* The next set.  PVX_ETIMEDOUT; PVX_ECLOSED after stop, or when sources have ended, none is running any more and all
+ * sets were given out. */
 PVX_MUST_CHECK pvx_err cap_capture_next(cap_capture *c, int64_t timeout_ns, struct cap_set **out);
-/* Returns when no thread touches the caller's data any more, except that a driver stuck in its own
- * call for over 3 s is left behind (logged) and cleans up after itself when it comes back. */
+/* Returns when no thread uses the caller's data any more.  Exception: a driver stuck in its own call for over 3 s is
+ * left behind (logged), and cleans up after itself when the call returns. */
 void cap_capture_stop(cap_capture *c);
 void cap_capture_free(cap_capture **c);
 void cap_capture_stats(cap_capture *c, struct cap_stats *out);
-/* Of one camera, from any thread, at once. */
+/* Health of one camera; from any thread, returns at once. */
 void cap_capture_health(const cap_capture *c, uint32_t camera, struct cap_health *out);
 #endif

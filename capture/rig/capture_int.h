@@ -1,4 +1,4 @@
-/* capture_int.h - what the files of this room share: a camera in three parts, each with one owner.
+/* capture_int.h - shared by the files of this room: a camera in three parts, each with one owner.
  *
  *     intake     the thread of the source that pushes; the supervisor's while no source runs  intake.c
  *     life       the camera's supervisor                                                      supervisor.c
@@ -10,7 +10,7 @@
  * Locks.  No thread takes one while it holds another, or calls a source while it holds one:
  *     cap_capture.figures   the assembler, while it changes what stats() and the monitor copy of it
  *     cap_readings.lock     readings of a camera's clock, from its source to the assembler; copies only
- *     leaves of others      buffer pool, set pool, set queue
+ *     of other modules      buffer pool, set pool, set queue; they take no further lock
  * Exception: stop() alone takes cap_capture.stopping, as its first lock, and holds it while it joins.
  * Threads beside those above: the monitor (monitor.c), the one that triggers (trigger.c), the consumer.
  * Stop order: flag and bells; sources stopped and closed by their supervisors; supervisors joined;
@@ -31,28 +31,28 @@
 
 #define CAP_FPS_BIN_NS 250000000LL
 #define CAP_FPS_BINS   8 /* 2 s */
-/* Frames that only tell the map of a clock what the least delay is, after a start or a jump. */
+/* After a start or a jump, the frames of this time, at most so many, only give the clock's map the least delay. */
 #define CAP_SETTLE_NS     (250 * PVX_NS_PER_MS)
 #define CAP_SETTLE_FRAMES 8
 #define CAP_READINGS      32
 
 struct cap_intake {
-    /* what is expected of frames; 0 = the first one says */
+    /* expected of frames; 0 = as in the first frame */
     int32_t width, height;
     enum cap_pixfmt fmt;
     int64_t last_device_ns;
     unsigned still;               /* frames in a row with the same stamp */
-    uint32_t discard, n_settling; /* frames after a start that are left out; so many there were */
+    uint32_t discard, n_settling; /* frames to leave out after a start; frames since the start */
     bool settled;
-    int64_t settling_ns; /* arrival of the first of them */
+    int64_t settling_ns; /* arrival of the first frame after the start */
     /* read by others */
     pvx_ring *ring;
     struct pvx_bell room;                   /* lossless: the ring has room, or stop */
-    _Atomic int64_t any_ns, good_ns;        /* mono: when something came, when a good frame did */
+    _Atomic int64_t any_ns, good_ns;        /* mono: when the last frame came, the last good one */
     _Atomic int64_t first_slot;             /* of this run */
     _Atomic uint64_t bin[CAP_FPS_BINS + 1]; /* good frames of a slot: slot << 24 | frames */
     atomic_uint starts;
-    atomic_bool lost, ended; /* what the source has said */
+    atomic_bool lost, ended; /* reported by the source */
 };
 
 struct cap_life {
@@ -62,10 +62,10 @@ struct cap_life {
     /* read by others */
     _Atomic(enum cap_state) state;
     atomic_bool tried;          /* the first attempt to open and start is over */
-    atomic_bool looked;         /* the first attempt to open is */
-    atomic_bool given_up;       /* its first start failed: sets wait for its frames, not for it */
-    atomic_bool done;           /* supervisor has finished */
-    _Atomic uint64_t silent_at; /* frames received when it was found to give no more good ones */
+    atomic_bool looked;         /* the first attempt to open is over */
+    atomic_bool given_up;       /* its first start failed: sets wait for it only once frames come */
+    atomic_bool done;           /* the supervisor has finished */
+    _Atomic uint64_t silent_at; /* CAP_RECEIVED when it was found to give no more good frames */
     struct pvx_board error;     /* char [] */
     struct pvx_board health;    /* struct cap_health */
 };
@@ -77,16 +77,16 @@ struct cap_skew_count {
 };
 
 struct cap_assembly {
-    struct cap_frame *head; /* next frame of the camera, out of the ring */
+    struct cap_frame *head; /* next frame of the camera, taken out of the ring */
     unsigned unsure_left;   /* after a jump: frames, until unsure_until_ns, that are not matched */
     int64_t unsure_until_ns;
-    unsigned starts; /* of the source, that it knows of */
+    unsigned starts; /* starts of the source that the assembler has seen */
     /* changed under figures */
     struct cap_clockmap clock;
     struct cap_skew_count skew;
 };
 
-/* Of a camera's clock, until a frame is to be mapped; the newest when there is no room. */
+/* Readings of a camera's clock, kept until a frame is mapped.  Without room, the newest replaces the last. */
 struct cap_readings {
     pthread_mutex_t lock;
     unsigned n;
@@ -115,20 +115,20 @@ struct cap_camera {
     struct cap_readings readings;
 
     _Atomic uint64_t count[CAP_N_COUNT];
-    struct pvx_board detail[CAP_N_COUNT];  /* char []: the last occurrence; each count's finder's */
-    _Atomic uint64_t trouble[CAP_N_COUNT]; /* the monitor's: count before it began + 1; 0 = none */
-    struct pvx_board answers; /* struct cap_action_answers: of the thread that triggers */
+    struct pvx_board detail[CAP_N_COUNT];  /* char []: last occurrence; written by its finder */
+    _Atomic uint64_t trouble[CAP_N_COUNT]; /* by the monitor: count before it began + 1; 0 = none */
+    struct pvx_board answers; /* struct cap_action_answers; written by the thread that triggers */
 };
 
 /* CLOCK_REALTIME - CLOCK_MONOTONIC, which changes when the time of day is set. */
 struct cap_host_clock {
     bool known;
     int64_t offset_ns;
-    int64_t doubt_ns; /* what the last frames say instead */
+    int64_t doubt_ns; /* another offset that the last frames show */
     unsigned n_doubts;
     uint64_t steps;
     int64_t last_step_ns;
-    int64_t since_ns; /* mono: when the frame came that showed it */
+    int64_t since_ns; /* mono: arrival of the frame that showed the last step */
 };
 
 struct cap_capture {
@@ -153,7 +153,7 @@ struct cap_capture {
 
     /* the assembler's */
     cap_assembler *assembler;
-    enum cap_count stray;    /* why the next frame that the assembler gives up is in no set */
+    enum cap_count stray;    /* why the next frame that the assembler pushes is in no set */
     pthread_mutex_t figures; /* and changed under it: */
     struct cap_syncwatch watch;
     struct cap_host_clock host;
@@ -161,8 +161,8 @@ struct cap_capture {
     struct pvx_hist spread;
     uint64_t spread_bin[CAP_SPREAD_BINS];
 
-    struct pvx_board action;         /* struct cap_action_stats: of the thread that triggers */
-    _Atomic uint64_t times_all_gone; /* the monitor's */
+    struct pvx_board action;         /* struct cap_action_stats; by the thread that triggers */
+    _Atomic uint64_t times_all_gone; /* written by the monitor */
 };
 
 /* setup.c: everything but the threads, from cap->cfg. */
@@ -170,26 +170,26 @@ pvx_err cap_set_up(struct cap_capture *cap, struct pvx_diag *d);
 
 /* intake.c: the sink that sources push into; ctx is the camera. */
 struct cap_sink cap_intake_sink(struct cap_camera *cam);
-/* Make ready for frames of a source that is about to start. */
+/* Prepare for the frames of a source that is about to start. */
 void cap_intake_restart(struct cap_camera *cam);
 /* Oldest frame of the ring, or NULL. */
 struct cap_frame *cap_intake_pop(struct cap_camera *cam);
 double cap_intake_fps(const struct cap_camera *cam, int64_t now);
-/* Say what is counted next. */
+/* Describe the next count. */
 __attribute__((format(printf, 3, 4))) void cap_detail(struct cap_camera *cam, enum cap_count what,
                                                       const char *format, ...);
-/* Good frames come: sets wait for it. */
+/* Whether good frames come, so that sets wait for the camera. */
 static inline bool cap_delivers(const struct cap_camera *cam)
 {
     return cam->count[CAP_RECEIVED] != cam->life.silent_at;
 }
 
 void *cap_supervise(void *camera); /* thread, supervisor.c */
-void *cap_assemble(void *capture); /* thread, assembly.c: the next until there is none */
-/* One frame, or, with none there and `wait`, until something happens; false: it was the last.  Its
- * thread's, and of tests that have time stand still. */
+void *cap_assemble(void *capture); /* thread, assembly.c: frames until there are no more */
+/* Assemble one frame.  If there is none and `wait`, wait until something happens.  False: no more frames will come.
+ * For the assembler's thread, and for tests in which time stands still. */
 bool cap_assemble_some(struct cap_capture *cap, bool wait);
-/* Frames that are still under way are given up.  With no assembler running. */
+/* Release the frames that are still in the rings.  Only while no assembler runs. */
 void cap_assemble_nothing(struct cap_capture *cap);
 void *cap_monitor(void *capture); /* thread, monitor.c: logs what goes wrong, once */
 

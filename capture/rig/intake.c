@@ -1,4 +1,4 @@
-/* intake.c - drivers' threads hand over their frames here: check, stamp order, ring.
+/* intake.c - takes frames from the drivers' threads: checks them and their stamps, and puts them into the ring.
  * No logging, no lock and no waiting (except for room in a lossless run). */
 #include <stdarg.h>
 #include <stdio.h>
@@ -6,8 +6,8 @@
 #include "base/clock.h"
 #include "capture/rig/capture_int.h"
 
-#define STILL     3  /* equal stamps in a row: not one frame sent twice */
-#define SLOT_BITS 24 /* of a bin, for the frames */
+#define STILL     3  /* equal stamps in a row: more than one frame sent twice */
+#define SLOT_BITS 24 /* bits of a bin that count frames */
 
 void cap_intake_restart(struct cap_camera *cam)
 {
@@ -35,10 +35,10 @@ void cap_detail(struct cap_camera *cam, enum cap_count what, const char *format,
     pvx_board_write(&cam->detail[what], text, sizeof text);
 }
 
-/* One writer, and nothing hangs on its order: no more than a store. */
+/* A relaxed store is enough: there is one writer, and nothing depends on the order. */
 #define show(p, value) atomic_store_explicit(p, value, memory_order_relaxed)
 
-/* ---- is it a frame as it should be ------------------------------------------------------------ */
+/* ---- checks of a frame ------------------------------------------------------------------------ */
 
 static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
 {
@@ -71,12 +71,12 @@ static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
 static bool stamp_moves_on(struct cap_camera *cam, int64_t t)
 {
     struct cap_intake *in = &cam->intake;
-    if (t < 0 || t > INT64_MAX / 2) { /* "invalid", or nonsense: differences must not overflow */
+    if (t < 0 || t > INT64_MAX / 2) { /* invalid or nonsense: differences must not overflow */
         cam->count[CAP_BAD_STAMP]++;
         return false;
     }
     int64_t last = in->last_device_ns;
-    in->last_device_ns = t; /* backwards: a new epoch, the next frame is measured against it */
+    in->last_device_ns = t; /* backwards: a new epoch, the next frame is compared with it */
     if (t == 0 || last == 0 || t > last) {
         in->still = 0;
         return true;
@@ -98,10 +98,9 @@ static void add_reading(struct cap_readings *r, const struct cap_reading *readin
     pthread_mutex_unlock(&r->lock);
 }
 
-/* The first frames after a start are left out: as many as configured, and of a camera whose clock is
- * mapped those of the first quarter of a second, at most eight, so that one which was held up does not
- * decide where its pictures belong.  They tell the map what the least delay is; one that would have to
- * wait for that tells nothing. */
+/* The first frames after a start are left out: as many as configured.  If the camera's clock is mapped, those of the
+ * first quarter of a second are left out too, at most eight, so that one delayed frame does not decide where the
+ * pictures belong.  They give the map the least delay, except a frame that would have to wait for the lock. */
 static bool settling(struct cap_camera *cam, const struct cap_frame *f)
 {
     struct cap_intake *in = &cam->intake;
@@ -122,7 +121,7 @@ static bool settling(struct cap_camera *cam, const struct cap_frame *f)
     return true;
 }
 
-/* ---- how many a second ------------------------------------------------------------------------ */
+/* ---- frame rate ------------------------------------------------------------------------------- */
 
 static void tally(struct cap_intake *in, int64_t now)
 {
@@ -132,7 +131,7 @@ static void tally(struct cap_intake *in, int64_t now)
     show(bin, (was >> SLOT_BITS == slot ? was : slot << SLOT_BITS) + 1);
 }
 
-/* Whole bins of the last 2 s, or of the time since the camera was started. */
+/* Frame rate over the whole bins of the last 2 s, or of the time since the camera was started. */
 double cap_intake_fps(const struct cap_camera *cam, int64_t now)
 {
     int64_t slot = now / CAP_FPS_BIN_NS, first = slot - CAP_FPS_BINS;
@@ -152,7 +151,7 @@ double cap_intake_fps(const struct cap_camera *cam, int64_t now)
 
 /* ---- the sink --------------------------------------------------------------------------------- */
 
-/* Good and wanted? */
+/* Whether the frame is good and wanted. */
 static bool intake_accept(struct cap_camera *cam, const struct cap_frame *f)
 {
     struct cap_intake *in = &cam->intake;
@@ -161,13 +160,14 @@ static bool intake_accept(struct cap_camera *cam, const struct cap_frame *f)
         return false;
     if (settling(cam, f))
         return false;
-    show(&in->good_ns, f->t_arrival_mono_ns); /* before it counts: supervisor.c */
+    show(&in->good_ns, f->t_arrival_mono_ns); /* before the count: see over() of supervisor.c */
     tally(in, f->t_arrival_mono_ns);
     cam->count[CAP_RECEIVED]++;
     return true;
 }
 
-/* The frame that had to go: the oldest when it is live; f itself when the capture stops. */
+/* Put f into the ring.  Returns a frame that has no room: live, the oldest; lossless, f itself when the capture
+ * stops. */
 static struct cap_frame *intake_hand_over(struct cap_camera *cam, struct cap_frame *f)
 {
     if (!cam->cap->cfg.lossless)
@@ -206,7 +206,7 @@ struct cap_frame *cap_intake_pop(struct cap_camera *cam)
 static void event(void *ctx, uint32_t camera, enum cap_event ev)
 {
     struct cap_camera *cam = ctx;
-    (void)camera; /* the context says it */
+    (void)camera; /* known from the context */
     if (ev == CAP_EV_END)
         cam->intake.ended = true;
     else
@@ -219,7 +219,7 @@ static void intake_count(void *ctx, uint32_t camera, enum cap_count what, uint64
     struct cap_camera *cam = ctx;
     (void)camera;
     cam->count[what] += n;
-    /* it sends, though nothing that can be used */
+    /* the camera sends, but nothing usable */
     if (what == CAP_INCOMPLETE || what == CAP_UNDERRUN || what == CAP_BAD_SIZE)
         cam->intake.any_ns = pvx_now_mono();
 }

@@ -18,7 +18,7 @@
 #define RELAPSE_NS  (60 * PVX_NS_PER_S)
 #define SETTLE_NS   (2 * PVX_NS_PER_S) /* after a start */
 #define BEGIN_NS    (PVX_NS_PER_S / 2)
-#define LOOKS       10 /* in a second */
+#define LOOKS       10 /* per second */
 #define MASTERS_NS  (PVX_NS_PER_S / 2)
 
 /* A trouble from its first occurrence until it has not been seen for a while. */
@@ -36,11 +36,11 @@ struct monitor {
     struct episode bandwidth, ptp_masters;
     bool all_gone;
     int64_t all_gone_ns;                         /* since then */
-    uint64_t incomplete[LOOKS][CAP_MAX_CAMERAS]; /* counts of the looks of the last second */
+    uint64_t incomplete[LOOKS][CAP_MAX_CAMERAS]; /* counts at each look of the last second */
     unsigned look;
-    uint64_t steps;                       /* of the host's clock that have been told */
+    uint64_t steps;                       /* of the host's clock that have been reported */
     int64_t next_second[CAP_MAX_CAMERAS]; /* of bandwidth */
-    int64_t masters_since;                /* more than one, without a break; 0 = not now */
+    int64_t masters_since;                /* since when there is more than one; 0 = not now */
     int64_t next_master_second;
 };
 
@@ -102,7 +102,7 @@ static void monitor_look_at_camera(struct monitor *m, struct cap_camera *cam, in
         uint64_t count = cam->count[k];
         if (cap_trouble_defs[k].what == NULL)
             continue;
-        /* cameras that start one after the other; the first frames after a start are often bad */
+        /* not at a start: cameras start one after the other, and first frames are often bad */
         if (!e->on && ((k == CAP_LATE && now < settled) || (k == CAP_INCOMPLETE && now < begun))) {
             e->seen = count;
             continue;
@@ -114,8 +114,8 @@ static void monitor_look_at_camera(struct monitor *m, struct cap_camera *cam, in
     }
 }
 
-/* Two frames or more of half of the running cameras, at least two, incomplete within a second: a
- * camera's own cable does not do that. */
+/* A lack of bandwidth: at least half of the running cameras, and at least two, have two or more incomplete frames
+ * within a second.  The cable of a single camera does not cause that. */
 static void look_at_bandwidth(struct monitor *m, int64_t now)
 {
     struct cap_capture *cap = m->cap;
@@ -157,7 +157,7 @@ static bool is_master(const struct cap_camera *cam)
     return cam->life.state == CAP_RUNNING && cam->cfg.ptp && strcasecmp(h.ptp, "Master") == 0;
 }
 
-/* Cameras elect one master among them, which may take a moment; two that stay are two times. */
+/* Cameras elect one master among them, which may take a moment.  If two remain, there are two different times. */
 static void look_at_masters(struct monitor *m, int64_t now)
 {
     struct cap_capture *cap = m->cap;
@@ -192,7 +192,7 @@ static void look_at_masters(struct monitor *m, int64_t now)
                   (double)(e->last_ns - e->begin_ns) * 1e-9);
 }
 
-/* All of several cameras gone: that is not the cameras. */
+/* If several cameras are all lost, the cause is not the cameras. */
 static void monitor_look_at_all(struct monitor *m, int64_t now)
 {
     struct cap_capture *cap = m->cap;

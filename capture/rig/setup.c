@@ -1,4 +1,4 @@
-/* setup.c - what a capture is made of, from its configuration; checked, copied, allocated. */
+/* setup.c - sets up a capture from its configuration: checks, copies, allocates. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,7 +30,7 @@ static pvx_err known_scheme(struct cap_camera *cam, const char *uri, struct pvx_
                     list);
 }
 
-/* Recorded frames come as they were exposed, whatever started them. */
+/* Whether the camera supports the rig's trigger.  Recorded frames come as they were exposed, with any trigger. */
 static pvx_err can_trigger(const struct cap_camera *cam, struct pvx_diag *d)
 {
     static const char *const by[] = {"", "by software", "by a line", "by action commands"};
@@ -103,7 +103,7 @@ static void setup_detail(void *ctx, uint32_t camera, enum cap_count what, const 
     cap_detail(&cap->camera[camera], what, "%s", text);
 }
 
-/* What the assembler gives up: the count comes first. */
+/* The assembler counts a frame before it pushes it as a stray, so the count gives the reason. */
 static void count_stray(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
 {
     struct cap_capture *cap = ctx;
@@ -161,7 +161,7 @@ pvx_err cap_set_up(struct cap_capture *cap, struct pvx_diag *d)
 
 static void setup_undo(struct cap_capture *cap)
 {
-    cap_assemble_nothing(cap); /* of a driver that was left behind */
+    cap_assemble_nothing(cap); /* frames of a driver that was left behind */
     for (uint32_t i = 0; i < cap->n; i++) {
         struct cap_camera *cam = &cap->camera[i];
         pvx_bell_fini(&cam->life.wake);

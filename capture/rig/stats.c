@@ -1,4 +1,4 @@
-/* stats.c - what is known of a capture at a moment. */
+/* stats.c - the state and counts of a capture at one moment. */
 #include <math.h>
 #include <string.h>
 
@@ -32,7 +32,7 @@ static void stats_troubles(const struct cap_camera *cam, struct cap_camera_stats
             continue;
         struct cap_trouble *t = &s->trouble[s->n_troubles++];
         t->cause = (enum cap_count)k;
-        t->n = cam->count[k] - (begun - 1); /* read after it: never below */
+        t->n = cam->count[k] - (begun - 1); /* count is read after begun, so it is never less */
         pvx_board_read(&cam->detail[k], t->detail, sizeof t->detail);
     }
 }
@@ -50,7 +50,7 @@ static void camera_stats(const struct cap_camera *cam, int64_t now, struct cap_c
     stats_troubles(cam, s);
 }
 
-/* What the assembler has found.  Under figures. */
+/* The assembler's findings.  Under figures. */
 static void assembly_stats(const struct cap_camera *cam, struct cap_camera_stats *s)
 {
     const struct cap_sync_camera *w = &cam->cap->watch.camera[cam->index];

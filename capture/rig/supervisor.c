@@ -9,30 +9,30 @@
 #define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
 #define BACKOFF_MAX_NS (500 * PVX_NS_PER_MS)
 #define FIRST_FRAME_NS (3 * PVX_NS_PER_S)  /* patience with a camera that has just been started */
-#define TOGETHER_NS    (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
+#define TOGETHER_NS    (10 * PVX_NS_PER_S) /* recorded cameras wait so long for one that hangs */
 #define LOOK_NS        (100 * PVX_NS_PER_MS)
 #define OVERSLEPT_NS   (50 * PVX_NS_PER_MS)
 #define HEALTH_NS      PVX_NS_PER_S
 
 enum fate { FATE_STOP, FATE_LOST, FATE_END };
 
-/* When a camera was last heard of; time in which this thread should have run and was not let is no
- * silence of the camera's: its frames were not let in either. */
+/* When the last frame came.  Time in which this thread should have run but could not does not count as silence of the
+ * camera, because its frames could not come in either. */
 struct heard {
-    int64_t said_ns; /* by intake */
-    int64_t at_ns;   /* and later by what was overslept since */
+    int64_t said_ns; /* the time that intake gives */
+    int64_t at_ns;   /* that time plus what was overslept since */
 };
 
 struct watch {
     struct cap_camera *cam;
-    /* what has been said is not said again until frames come */
+    /* a message is not repeated until frames come */
     char said[256]; /* last trouble that was logged, "" after frames came */
-    bool error;     /* others read of one */
+    bool error;     /* life.error has a text */
     int64_t backoff_ns;
     bool ran; /* it has been started before */
     /* of this run */
     struct heard any, good;
-    int64_t answered_ns;   /* when a camera without frames was still there */
+    int64_t answered_ns;   /* when a camera without frames last answered */
     int64_t no_trigger_of; /* any.said_ns when NO_TRIGGER was counted: once until a frame comes */
 };
 
@@ -70,14 +70,14 @@ static void trouble(struct watch *w, const char *text)
     snprintf(error, sizeof error, "%s", text);
     pvx_board_write(&cam->life.error, error, sizeof error);
     w->error = true;
-    /* One line until it is back; before it ever ran, one per reason. */
+    /* Log one line until the camera is back; before its first run, one line per reason. */
     if (w->said[0] != '\0' && (w->ran || strncmp(w->said, text, sizeof w->said - 1) == 0))
         return;
     snprintf(w->said, sizeof w->said, "%s", text);
     char who[CAP_DETAIL_MAX * 2];
     int n = snprintf(who, sizeof who, "camera %s (%s): ", cam->name, cam->uri);
     bool named =
-        n < (int)sizeof who && strncmp(text, who, (size_t)n) == 0; /* a driver's own words */
+        n < (int)sizeof who && strncmp(text, who, (size_t)n) == 0; /* in the driver's own text */
     bool held = cam->cap->cfg.sets.policy == CAP_POLICY_DROP;
     LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = LOST, .camera = cam->name),
               "%s%s; trying again every 0.25 to 0.5 s, %s", named ? "" : who, text,
@@ -92,8 +92,8 @@ static bool all_looked_at(const struct cap_capture *cap)
     return true;
 }
 
-/* Recorded cameras start together: each must know how long the longest is, and none may be in its
- * second turn when another comes. */
+/* Recorded cameras start together.  Each must know the length of the longest one, and none may be in its second turn
+ * when another starts. */
 static void wait_for_recorded(struct cap_camera *cam)
 {
     struct cap_capture *cap = cam->cap;
@@ -121,7 +121,7 @@ static pvx_err supervisor_open_source(struct cap_camera *cam, cap_source **src, 
     return e;
 }
 
-/* Frames come again? */
+/* If frames come again, clear the error and report it. */
 static void supervisor_report(struct watch *w)
 {
     struct cap_camera *cam = w->cam;
@@ -149,7 +149,7 @@ static void doze(struct watch *w, int64_t until)
     }
 }
 
-/* Is it over?  A camera whose frames come but are all bad is not lost, only no longer waited for. */
+/* Whether this run is over.  A camera whose frames are all bad is not lost; sets only no longer wait for it. */
 static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_t size)
 {
     struct cap_camera *cam = w->cam;
@@ -168,7 +168,7 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
     }
     if (cam->cap->cfg.lossless || cam->ops->recorded)
         return false;
-    /* read before the time of the last good frame: one that comes meanwhile is not taken for silence */
+    /* read before the time of the last good frame, so that a frame in between does not look like silence */
     uint64_t received = cam->count[CAP_RECEIVED];
     bool delivers = received != cam->life.silent_at;
     listen(w);
@@ -192,8 +192,8 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
     return false;
 }
 
-/* A camera that waits for pulses on a cable is not lost while it answers.  Asked early enough that a
- * dead one is found no later. */
+/* A camera that waits for pulses on a cable is not lost while it answers.  It is asked early enough that a dead
+ * camera is found no later than without the question. */
 static void ask_silent(struct watch *w, cap_source *src, int64_t *next)
 {
     struct cap_camera *cam = w->cam;
@@ -250,7 +250,7 @@ static enum fate supervisor_watch(struct watch *w, cap_source *src)
                           ABOUT(.cause = "software_trigger", .camera = cam->name),
                           "camera %s (%s): software trigger failed: %s", cam->name, cam->uri,
                           pvx_strerror(e));
-            /* the grid is common to all cameras; points that have passed are left out */
+            /* all cameras share the grid; points that have passed are left out */
             next = (pvx_now_mono() / period + 1) * period;
         }
     }
@@ -288,7 +288,7 @@ static void supervisor_live(struct cap_camera *cam)
             w.ran = true;
             set_state(cam, CAP_RUNNING);
             enum fate fate = supervisor_watch(&w, src);
-            if (fate == FATE_LOST) /* known now, whatever the driver still takes to let go */
+            if (fate == FATE_LOST) /* shown now, however long the driver takes to stop */
                 set_state(cam, CAP_LOST);
             cam->ops->stop(src);
             cam->ops->close(&src);

@@ -21,13 +21,13 @@ struct run {
     uint16_t number;
     struct cap_trigger_open open[CAP_TRIGGER_OPEN];
     unsigned next_open;
-    uint64_t silent; /* cameras that were said to be */
+    uint64_t silent; /* bit = camera that was reported as silent */
     /* shown to others on their boards */
     struct cap_action_stats stats;
     struct cap_action_answers answers[CAP_MAX_CAMERAS];
 };
 
-/* Where to send, and which cameras should answer. */
+/* The addresses to send to, and the cameras that should answer. */
 struct targets {
     uint32_t address[CAP_MAX_CAMERAS];
     size_t n;
@@ -145,7 +145,7 @@ static void read_answers(struct run *r)
             close_open(r, &r->open[i]);
 }
 
-/* Wait until then, taking answers; false = stop. */
+/* Wait until mono_ns and read answers meanwhile; false = stop. */
 static bool wait_until(struct run *r, int64_t mono_ns)
 {
     for (;;) {
@@ -209,7 +209,7 @@ static void run_at_once(struct run *r)
 {
     int64_t period = r->cap->period_ns;
     for (;;) {
-        /* points of the grid that have passed are left out */
+        /* grid points that have passed are left out */
         if (!wait_until(r, (pvx_now_mono() / period + 1) * period))
             return;
         struct targets t;
@@ -219,8 +219,8 @@ static void run_at_once(struct run *r)
     }
 }
 
-/* The instant of the grid after `last` whose command is still to be sent; those that were missed on
- * the way are late.  A clock that was set starts a new grid. */
+/* The next instant of the grid after `last` that can still be sent with its lead.  Instants missed in between count
+ * as late.  If the clock was set, a new grid starts. */
 static int64_t next_instant(struct run *r, const struct targets *t, int64_t last)
 {
     int64_t period = r->cap->period_ns, lead = r->cap->cfg.action.lead_ns;
