@@ -9,7 +9,7 @@
  * say better why.  Fewer than four cameras cannot contradict each other, so then nothing is watched.
  * Memory: that of unseen.h once, twenty pictures of 160 bins across or so for each camera; the thread takes it when
  * it starts.
- * Threads: new, free and offer's caller as said; state by any. */
+ * Threads: new, free and offer as their comments say; state from any. */
 #ifndef DMN_WATCH_H
 #define DMN_WATCH_H
 #include "daemon/control/state.h"
