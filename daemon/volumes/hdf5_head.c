@@ -67,7 +67,7 @@ static bool also(hid_t file, const char *from, hid_t group, const char *name)
     return H5Lcreate_hard(file, from, group, name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
 }
 
-/* NeXus groups, by which h5web, silx and NeXpy show the data without being told. */
+/* NeXus groups, by which h5web, silx and NeXpy show the data by themselves. */
 static bool make_entry(hid_t f)
 {
     hid_t entry = H5Gcreate2(f, "entry", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);

@@ -30,7 +30,7 @@ struct joined {
     struct vol_gap *gap;
     uint64_t n_gaps;
     void *head_of,
-        *part; /* the first part, whose texts are the head's; the one at hand, of run `at` */
+        *part; /* the first part, which owns the texts of head; the open part, of run `at` */
     size_t at;
     uint64_t part_sets;
     struct vol_head head;

@@ -33,7 +33,7 @@ PVX_MUST_CHECK pvx_err vol_numbered_found(vol_numbered *n, const char *name,
                                           const struct pvp_volume *v, struct pvx_diag *d);
 /* false: this volume is to be left out. */
 bool vol_numbered_wants(const vol_numbered *n, const struct pvp_volume *v);
-/* Fills what is missing before it, then writes its file. */
+/* Fills the frames that are missing before v, then writes v's file. */
 PVX_MUST_CHECK pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v,
                                         const void *data, size_t len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_numbered_gap(vol_numbered *n, const struct vol_gap *g);

@@ -307,7 +307,7 @@ template <typename Vector> void put(const Vector &x, float *to)
         to[a] = x[a];
 }
 
-/* The values of one leaf to channel `c` and on; `on` and `value` ask for a cell. */
+/* Put the values of one leaf into channel `c` (and the next ones) of its brick; `on` and `value` ask for a cell. */
 template <typename On, typename Value>
 int take_leaf(const vol_vdb_bricks &v, const Coord &at, unsigned c, On on, Value value, Bricks *all,
               char *err, size_t err_size)
@@ -339,7 +339,7 @@ int no_grid(const char *name, char *err, size_t err_size)
                 (std::string("has no grid ") + name + " as pyrovox writes it").c_str());
 }
 
-/* A .vdb's grids; all leaves of one are channel c (and on) of the bricks. */
+/* A .vdb's grids.  take puts all leaves of one grid into channel c (and the next ones) of the bricks. */
 struct Open {
     openvdb::GridPtrVecPtr grids;
 
@@ -363,7 +363,7 @@ struct Open {
     using Vector = Vec3f;
 };
 
-/* The same of a .nvdb, whose leaves lie one behind the other. */
+/* The same for a .nvdb, whose leaves lie one behind the other. */
 struct Flat {
     std::vector<Nano> grids;
 

@@ -7,7 +7,7 @@
 #include "daemon/volumes/vdb_notes.h"
 
 #define MAGIC     INT64_C(0x56444220) /* " BDV" */
-#define VERSION_0 222u                /* of the file: the first whose header is as here */
+#define VERSION_0 222u                /* first file version with this header */
 #define UUID_LEN  36
 #define NOTES_MAX ((size_t)65536) /* they need some 3 KB */
 
@@ -41,7 +41,7 @@ static bool take_u32(struct cursor *c, uint32_t *out)
     return p != NULL;
 }
 
-/* A length and so many bytes. */
+/* Take a length and then so many bytes. */
 static bool take_bytes(struct cursor *c, const char **p, uint32_t *n)
 {
     if (!take_u32(c, n))
