@@ -53,7 +53,7 @@ static void orders_say(view_orders *o, bool good, const char *words)
     cJSON_AddBoolToObject(in, "good", good);
     cJSON_AddStringToObject(in, "said", o->asked > 0 ? o->said : "");
     char text[VIEW_ORDER_TEXT + 2] = "{}";
-    if (!cJSON_PrintPreallocated(j, text, sizeof text, false)) /* words of control characters */
+    if (!cJSON_PrintPreallocated(j, text, sizeof text, false)) /* many control characters */
         snprintf(text, sizeof text,
                  "{\"orders\":{\"asked\":%u,\"busy\":%s,\"good\":%s,\"said\":\"\"}}", o->asked,
                  o->busy ? "true" : "false", good ? "true" : "false");

@@ -31,13 +31,13 @@ struct view_page {
     const struct view_gate *gate;
     uint8_t *early;
     size_t n_early, at_early, turn;
-    int64_t opened_ns, closing_ns, ended_ns; /* ended: all was said, the other end reads it */
+    int64_t opened_ns, closing_ns, ended_ns; /* ended: all was sent, the other end reads it */
     bool let_in, refused, gone, hidden, previews, slow;
     uint64_t credits, had[VIEW_SLOTS], events, links, session;
-    int64_t volume_ns; /* the volume in the queue was put there then; 0: none is */
+    int64_t volume_ns; /* when the volume in the queue was put there; 0: there is none */
     struct away away[AWAY_MAX];
     unsigned n_away;
-    struct view_words words; /* said and not yet asked for */
+    struct view_words words; /* received, and not yet taken by view_page_read */
     struct view_page_stats stats;
     struct pvx_hist recent[2][VIEW_WAYS]; /* of these seconds, and of those before */
     int64_t recent_ns;

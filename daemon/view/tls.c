@@ -34,7 +34,7 @@ struct conn {
     gnutls_session_t session; /* NULL: the place is free */
     struct papers *with;
     bool shaken;
-    int64_t since, ending_ns; /* ending: all was said */
+    int64_t since, ending_ns; /* ending: all was sent */
     uint32_t want_tcp, want_pair;
     struct half in, out; /* from the browser, to it */
     struct sockaddr_storage here;
@@ -64,7 +64,7 @@ static void look_at_files(const view_tls *t, int64_t out[2][3])
     const char *const file[] = {t->p.cert, t->p.key};
     for (int i = 0; i < 2; i++) {
         struct stat st = {0};
-        (void)stat(file[i], &st); /* gone: reading it says so */
+        (void)stat(file[i], &st); /* if it is gone, reading it fails */
         out[i][0] = (int64_t)st.st_ino;
         out[i][1] = st.st_ctim.tv_sec;
         out[i][2] = st.st_ctim.tv_nsec;
