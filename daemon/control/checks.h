@@ -27,8 +27,8 @@ struct dmn_checks {
     struct dmn_checks_camera camera[REC_MAX_CAMERAS];
 };
 
-/* One more check, which took cameras of `mask`.  known [rig's cameras]: the enum rec_wrong that the log has said of a
- * camera already; it is not said again. */
+/* One more check, which took cameras of `mask`.  known [rig's cameras]: the enum rec_wrong that is in the log for a
+ * camera already; it is not logged again. */
 struct dmn_checks_news {
     const struct rec_check_verdict *verdict;
     uint64_t mask;

@@ -76,7 +76,7 @@ struct dmn_beside_state {
 
 struct dmn_state {
     double uptime_s;
-    char open_to[256]; /* an endpoint that lets everybody in (insecure: true); "" */
+    char open_to[256]; /* an endpoint that lets all clients in (insecure: true); "" = none */
     bool keys;         /* some endpoint asks for one */
     uint64_t clients_listed, connections_refused;
     uint64_t subscribers;

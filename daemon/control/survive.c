@@ -17,7 +17,7 @@
 static void survive_say(const char *text, size_t n)
 {
     if (write(STDERR_FILENO, text, n) < 0)
-        return; /* it cannot be told */
+        return; /* there is no other place to report it */
 }
 
 static uintptr_t survive_hex(const char **p)
@@ -78,7 +78,7 @@ void dmn_survive(void)
     }
 }
 
-/* ---- what it was doing ------------------------------------------------------------------------- */
+/* ---- recording before a crash ------------------------------------------------------------------ */
 
 static bool marker(char *out, size_t size)
 {
