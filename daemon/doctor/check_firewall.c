@@ -40,7 +40,7 @@ static void judge(struct doctor *d, const char *tool, enum doc_pass pass, const 
     doc_note(f, "keep it where your rules are kept (/etc/nftables.conf, netfilter-persistent)");
 }
 
-/* Ask one tool; false: nothing was learnt (d says why). */
+/* Ask one tool; false: it gave no usable answer (d says why). */
 static bool rules(struct doctor *d, const char *tool, const char *const *argv, reader *read,
                   struct pvx_diag *diag)
 {

@@ -100,7 +100,7 @@ struct doctor {
 /* Runs all checks and sorts the report.  The caller has filled in `host` and `load`. */
 void doc_run(struct doctor *d);
 size_t doc_count(const struct doc_report *r, enum doc_verdict v);
-/* 0 all well, 1 warnings or things that cannot be told, 2 failures. */
+/* 0 all well, 1 warnings or unknown states, 2 failures. */
 int doc_exit_status(const struct doc_report *r);
 
 struct doc_style {
