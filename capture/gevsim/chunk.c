@@ -1,4 +1,4 @@
-/* chunk.c - chunk data: what else a frame carries, after its image. */
+/* chunk.c - chunk data, which a frame carries after its image. */
 #include <string.h>
 
 #include "capture/gevsim/gevsim.h"
@@ -29,7 +29,7 @@ static bool enabled(const struct cap_gvcam *c, unsigned k)
     return k == GVC_IMAGE || (c->reg.v[GVF_CHUNKS_ON] >> k & 1) != 0;
 }
 
-/* The image's own mark comes first: its bytes lie before. */
+/* The image's own mark comes first, because the image's bytes lie before it. */
 size_t gvcam_chunks(const struct cap_gvcam *c, const struct gvcam_shot *s, uint8_t *out)
 {
     size_t n = put_mark(out, gvcam_chunk_defs[GVC_IMAGE].id, c->image.frame_bytes);

@@ -2,7 +2,7 @@
 
 #include "base/clock.h"
 
-#define PTP_WANDER_NS 100 /* how far a slave is off at most */
+#define PTP_WANDER_NS 100 /* largest error of a slave */
 
 void gvcam_clock_start(struct gvcam_clock *k, const struct cap_gvcam_config *c, int64_t now)
 {
@@ -16,7 +16,7 @@ void gvcam_clock_start(struct gvcam_clock *k, const struct cap_gvcam_config *c, 
     k->stuck_ns = k->dev0;
 }
 
-/* Cheap noise that is the same whenever it is asked for: changes ten times a second. */
+/* Cheap noise that depends only on time and seed, and changes ten times a second. */
 static int64_t wander(const struct gvcam_clock *k, int64_t now)
 {
     uint64_t z = (uint64_t)(now / (100 * PVX_NS_PER_MS)) * 0x9E3779B97F4A7C15u + k->seed;
@@ -54,7 +54,7 @@ static int64_t slave_ns(const struct gvcam_clock *k, int64_t now)
     return master_ns(k, now) + wander(k, now) + (int64_t)(k->ptp_offset_us * 1e3);
 }
 
-/* PTP lets the clock go: it runs on from where it is. */
+/* PTP releases the clock, which runs on from its present time. */
 static void clock_let_go(struct gvcam_clock *k, int64_t now)
 {
     k->dev0 = slave_ns(k, now);

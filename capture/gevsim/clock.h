@@ -1,4 +1,4 @@
-/* clock.h - a camera's clock: an oscillator of its own, dev0 + (t - host0)(1 + drift), or PTP's. */
+/* clock.h - a simulated camera's clock: its own oscillator, dev0 + (t - host0)(1 + drift), or PTP. */
 #ifndef CAP_GVCAM_CLOCK_H
 #define CAP_GVCAM_CLOCK_H
 #include "capture/gevsim/gvcam.h"
@@ -14,7 +14,7 @@ struct gvcam_clock {
     bool no_ptp_master, ptp_master;
     double ptp_offset_us;
     int64_t ptp_since; /* host time of PtpEnable; 0 = off */
-    bool ptp_locked;   /* was Slave when last looked at */
+    bool ptp_locked;   /* was Slave at the last look */
 };
 enum gvcam_ptp {
     GVCAM_PTP_INITIALIZING = 1,
@@ -24,7 +24,7 @@ enum gvcam_ptp {
     GVCAM_PTP_UNCALIBRATED = 8,
     GVCAM_PTP_SLAVE = 9
 };
-/* As after power-up; faults stay. */
+/* Start as after power-up; faults stay. */
 void gvcam_clock_start(struct gvcam_clock *k, const struct cap_gvcam_config *c, int64_t now);
 int64_t gvcam_clock_ns(struct gvcam_clock *k, int64_t now); /* device time */
 uint64_t gvcam_clock_ticks(const struct gvcam_clock *k, int64_t dev_ns);

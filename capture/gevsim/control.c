@@ -81,7 +81,7 @@ static uint16_t read_one(struct cap_gvcam *c, int64_t now, uint32_t address, uin
     }
 }
 
-/* Exclusive: others may not even read. */
+/* With exclusive access, other clients may not even read. */
 static bool control_may_read(const struct cap_gvcam *c, const struct sockaddr_in *from)
 {
     return (c->control.ccp & GVCAM_CCP_EXCLUSIVE) == 0 || owns(c, from);
@@ -153,8 +153,8 @@ static void write_memory(struct cap_gvcam *c, const struct cap_gvcp_request *r,
     a->n = 4;
 }
 
-/* For another camera: not a word, as the protocol has it; for this one: refused, its address is its
- * simulation's to choose. */
+/* A command for another camera gets no answer, as the protocol requires.  One for this camera is refused, because the
+ * simulation chooses the address. */
 static uint16_t force_ip(const struct cap_gvcam *c, const struct cap_gvcp_request *r)
 {
     return memcmp(r->data + 2, c->reg.boot + GVB_MAC_HIGH + 2, 6) == 0 ? CAP_GVCP_ACCESS_DENIED
@@ -172,7 +172,7 @@ static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
         a->n = CAP_GVCP_DISCOVER;
         break;
     case CAP_GVCP_FORCEIP: a->status = force_ip(c, r); break;
-    case CAP_GVCP_RESEND: /* comes from the stream's own socket; from the owner's host at least */
+    case CAP_GVCP_RESEND: /* comes from the stream's own socket, so only the owner's host is checked */
         if (c->control.ccp == 0 || c->control.owner.sin_addr.s_addr != from->sin_addr.s_addr) {
             a->status = CAP_GVCP_ACCESS_DENIED;
             break;
@@ -201,8 +201,8 @@ static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
     }
 }
 
-/* A command that changes something is not carried out again when its acknowledge was lost and it
- * comes again with the same number, or by a second broadcast address. */
+/* Whether a command changes something.  Such a command is not executed again when it comes twice with the same
+ * number, because its acknowledge was lost, or by a second broadcast address. */
 static bool changes(uint16_t command)
 {
     return command == CAP_GVCP_WRITEREG || command == CAP_GVCP_WRITEMEM ||

@@ -1,4 +1,4 @@
-/* control.h - GVCP: which client may do what. */
+/* control.h - GVCP of a simulated camera: answers commands, and decides which client may give them. */
 #ifndef CAP_GVCAM_CONTROL_H
 #define CAP_GVCAM_CONTROL_H
 #include <netinet/in.h>
@@ -17,11 +17,11 @@ struct gvcam_control {
         uint8_t ack[CAP_GVCP_MAX];
         size_t n;
     } last;             /* last command that changed something, for retransmissions */
-    int64_t gone_until; /* rebooting; 0 = there */
+    int64_t gone_until; /* end of a reboot; 0 = not rebooting */
 };
 void gvcam_control_datagram(struct cap_gvcam *c, const uint8_t *p, size_t n,
                             const struct sockaddr_in *from, int64_t now);
 int64_t gvcam_control_step(struct cap_gvcam *c, int64_t now); /* heartbeat, back from a reboot */
-/* Everything is as after power-up, once it is back; 0 s: in its own time. */
+/* Reboot: silent for `seconds` (0 = the camera's own time), then as after power-up. */
 void gvcam_control_reboot(struct cap_gvcam *c, int64_t now, double seconds);
 #endif

@@ -1,11 +1,11 @@
-/* expose.c - when a frame is exposed, and what it shows and says. */
+/* expose.c - when a frame is exposed, its image and its data. */
 #include <math.h>
 #include <string.h>
 
 #include "base/clock.h"
 #include "capture/gevsim/gevsim.h"
 
-#define CATCH_UP_NS PVX_NS_PER_S /* a thread that is further behind than this leaves frames out */
+#define CATCH_UP_NS PVX_NS_PER_S /* a thread farther behind than this leaves frames out */
 
 double gvcam_expose_rate(const struct cap_gvcam *c)
 {
@@ -14,7 +14,7 @@ double gvcam_expose_rate(const struct cap_gvcam *c)
         rate = c->c.ring_fps; /* exactly: registers hold single precision */
     rate = rate < 1e6 / exposure ? rate : 1e6 / exposure;
     double frame_s = (double)gvcam_payload(c) * 8 / (c->c.link_mbit * 1e6);
-    return rate < 0.97 / frame_s ? rate : 0.97 / frame_s; /* the rest is heads */
+    return rate < 0.97 / frame_s ? rate : 0.97 / frame_s; /* 3 % are packet heads */
 }
 
 static bool free_running(const struct cap_gvcam *c)
@@ -77,7 +77,7 @@ static int64_t expose_image_of(struct cap_gvcam *c, uint32_t count, int64_t inde
     return hold ? c->expose.held_index : index;
 }
 
-/* What is seen at host time `moment` as image `index`. */
+/* Expose a frame at host time `moment`, with image `index`. */
 static void expose_frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t now)
 {
     const struct cap_gvcam_fault *f = &c->fault;
@@ -101,7 +101,7 @@ static void expose_frame(struct cap_gvcam *c, int64_t moment, int64_t index, int
     if (c->expose.frozen)
         s.ticks = c->expose.frozen_ticks;
     if (c->expose.frames_left != UINT32_MAX && --c->expose.frames_left == 0)
-        c->expose.acquiring = false; /* what is queued still goes out */
+        c->expose.acquiring = false; /* queued frames are still sent */
     if (gvcam_chance(c, f->drop)) {
         c->stats.dropped++;
         return;
@@ -178,7 +178,7 @@ uint16_t gvcam_action(struct cap_gvcam *c, const struct cap_gvcp_action *a, int6
     if (a->device_key != c->reg.v[GVF_ACTION_DEVICE_KEY] ||
         a->group_key != c->reg.v[GVF_ACTION_GROUP_KEY] ||
         (a->group_mask & c->reg.v[GVF_ACTION_GROUP_MASK]) == 0)
-        return CAP_GVCP_SILENT; /* not for us */
+        return CAP_GVCP_SILENT; /* not for this camera */
     if (!waits_for(c, GVCAM_ACTION1))
         return CAP_GVCP_OK;
     int64_t dev = gvcam_clock_ns(&c->clock, now);
@@ -198,7 +198,7 @@ uint16_t gvcam_action(struct cap_gvcam *c, const struct cap_gvcp_action *a, int6
     return CAP_GVCP_OK;
 }
 
-/* Actions whose time has come.  The frame is stamped with the scheduled time. */
+/* Execute the actions that are due.  The frame is stamped with the scheduled time. */
 static int64_t action_step(struct cap_gvcam *c, int64_t now)
 {
     int64_t dev = gvcam_clock_ns(&c->clock, now);

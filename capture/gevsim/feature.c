@@ -39,7 +39,7 @@ static const struct gvcam_entry e_ccp[] = {
 /* clang-format off */
 const struct gvcam_feature_def gvcam_features[] = {
     GVCAM_FEATURES(ROW)
-    /* other names, and what is not a 32-bit register of ours */
+    /* other names, and features that are not a 32-bit register of their own */
     {"DeviceVendorName", DEV, GVK_STRING, GVB_VENDOR, GVA_R, .bytes = 32},
     {"DeviceModelName", DEV, GVK_STRING, GVB_MODEL, GVA_R, .bytes = 32},
     {"DeviceVersion", DEV, GVK_STRING, GVB_DEVICE_VERSION, GVA_R, .bytes = 32},

@@ -1,6 +1,6 @@
-/* feature.h - the features of the simulated camera: one table is the registers and the GenICam
- * XML (private to gvcam*.c).
- * A feature without an address of its own is the 32-bit register 0xa000 + 4 * its number; floats are
+/* feature.h - the features of the simulated camera.  One table defines the registers and the GenICam XML
+ * (private to gvcam*.c).
+ * A feature without an address of its own is the 32-bit register 0xa000 + 4 * its number.  Floats are
  * IEEE single.  Several features may share a register (GevIEEE1588 is PtpEnable). */
 #ifndef CAP_GVCAM_FEATURE_H
 #define CAP_GVCAM_FEATURE_H
@@ -158,7 +158,7 @@ enum gvcam_access {
     GVA_R = 1,
     GVA_W = 2,
     GVA_RW = 3,
-    GVA_LOCKED = 7 /* RW, not while streaming */
+    GVA_LOCKED = 7 /* RW, but read-only while streaming */
 };
 
 struct gvcam_entry {
@@ -172,17 +172,17 @@ struct gvcam_feature_def {
     enum gvcam_access access;
     double value, min, max, inc;     /* value: after power-up; inc 0 = 1 */
     const char *unit, *max_of;       /* max_of: feature that gives the limit instead */
-    const char *selector;            /* that this one is selected by */
+    const char *selector;            /* feature that selects this one */
     const struct gvcam_entry *entry; /* ends with a NULL name */
     uint32_t bytes;                  /* strings */
     int bit;                         /* GVK_BIT*, from the most significant */
     const char *tip;
 };
-/* The first GVCAM_N_FEATURES are those of enum gvcam_feature; more follow, which are other names of
- * registers.  NULL name: a register without a feature.  Ends with a NULL category. */
+/* The first GVCAM_N_FEATURES are those of enum gvcam_feature.  The ones after them are other names of registers.
+ * NULL name: a register without a feature.  Ends with a NULL category. */
 extern const struct gvcam_feature_def gvcam_features[];
 
-/* Chunks: bit in GVF_CHUNKS_ON = index; what ChunkSelector selects. */
+/* Chunks, which ChunkSelector selects.  The index is the bit in GVF_CHUNKS_ON. */
 #define GVCAM_CHUNKS(F)                                                           \
     F(GVC_IMAGE, "Image", NULL, 0x8000, 0, GVK_INT)                               \
     F(GVC_TIMESTAMP, "Timestamp", "ChunkTimestamp", 0x8001, 8, GVK_INT64)         \

@@ -1,5 +1,7 @@
-/* gevsim.h - inside of a simulated camera (private to this folder): its parts.  Only the file with a part's name
- * changes that part (gvcam.c sets all of them up).  A part calls only the parts before it.
+/* gevsim.h - the parts of a simulated camera (private to this folder).
+ *
+ * Only the file with a part's name changes that part (gvcam.c sets all of them up).  A part calls only the parts
+ * before it.
  * One net thread runs everything.  Every function of a part is called with the net's lock held. */
 #ifndef CAP_GVCAM_INT_H
 #define CAP_GVCAM_INT_H
@@ -27,9 +29,9 @@ struct cap_gvcam {
     unsigned ifindex;
     uint64_t rng;
     struct cap_gvcam_fault fault;
-    struct cap_gvcam_stats stats; /* each count by the part that it is about */
+    struct cap_gvcam_stats stats; /* each part writes the counts about itself */
 
-    struct gvcam_link *link; /* of all cameras */
+    struct gvcam_link *link; /* shared by all cameras */
     struct gvcam_clock clock;
     struct gvcam_image image;
     struct gvcam_send send;
@@ -49,7 +51,7 @@ static inline float gvcam_float(const struct cap_gvcam *c, enum gvcam_feature f)
     return v;
 }
 
-/* gvcam.c: a camera that has no network yet (that is enough to talk to it: the fuzz target). */
+/* gvcam.c: a camera without a network, which can already answer commands (fuzz target). */
 PVX_MUST_CHECK pvx_err gvcam_build(struct gvcam_link *link, const struct cap_gvcam_config *config,
                                    struct cap_gvcam **out);
 void gvcam_destroy(struct cap_gvcam *c);

@@ -18,9 +18,9 @@
 #include "capture/gevsim/gevsim.h"
 
 #define MAX_SOCKETS  600
-#define IDLE_NS      PVX_NS_PER_S /* looks around at least so often */
+#define IDLE_NS      PVX_NS_PER_S /* longest sleep of the thread */
 #define LINK_BUFFER  (512u << 10)
-#define READ_AT_ONCE 64 /* datagrams per socket before the others have their turn */
+#define READ_AT_ONCE 64 /* datagrams of one socket before the next socket is read */
 
 struct cap_gvnet {
     pthread_t thread;
@@ -28,8 +28,8 @@ struct cap_gvnet {
     pthread_cond_t looked;
     int wake; /* eventfd */
     bool stop;
-    bool polling;   /* the thread waits for sockets, and keeps them open by that */
-    uint64_t polls; /* times that it has waited */
+    bool polling;   /* the thread waits for sockets, which keeps them open */
+    uint64_t polls; /* how often it has waited */
     struct cap_gvcam *cams;
     struct caster {
         int fd;
@@ -122,13 +122,13 @@ static void broadcast(struct cap_gvnet *n, const uint8_t *p, size_t bytes,
     if (cap_gvcp_parse(p, bytes, &r) == CAP_GVCP_SILENT ||
         (r.command != CAP_GVCP_DISCOVERY && r.command != CAP_GVCP_FORCEIP &&
          r.command != CAP_GVCP_ACTION))
-        return; /* nothing else may be said to all */
+        return; /* other commands may not be broadcast */
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
         if (ifindex == 0 || ifindex == c->ifindex)
             gvcam_control_datagram(c, p, bytes, from, now);
 }
 
-/* Datagrams waiting at fd; cam NULL = a broadcast socket. */
+/* Receive the datagrams waiting at fd; cam NULL = a broadcast socket. */
 static void gvnet_receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
 {
     uint8_t p[2048];
@@ -145,13 +145,13 @@ static void gvnet_receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
         ssize_t got = recvmsg(fd, &m, MSG_DONTWAIT);
         if (got < 0) {
             if (errno == ECONNREFUSED || errno == EINTR)
-                continue; /* a client that we answered has gone */
+                continue; /* a client that got an answer is gone */
             return;
         }
         if (m.msg_namelen != sizeof from || from.sin_family != AF_INET)
             continue;
         unsigned ifindex = 0;
-        int64_t now = pvx_now_real(); /* of each: a trigger is stamped with it */
+        int64_t now = pvx_now_real(); /* for each datagram: a trigger is stamped with it */
         for (struct cmsghdr *h = CMSG_FIRSTHDR(&m); h != NULL; h = CMSG_NXTHDR(&m, h))
             if (h->cmsg_level == IPPROTO_IP && h->cmsg_type == IP_PKTINFO) {
                 struct in_pktinfo info;
@@ -165,7 +165,7 @@ static void gvnet_receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
     }
 }
 
-/* A socket that hears what is sent to a broadcast address; others may hear it too. */
+/* Add a socket that receives datagrams to a broadcast address.  Other programs may receive them too. */
 static pvx_err add_caster(struct cap_gvnet *n, struct in_addr addr, struct pvx_diag *d)
 {
     for (const struct caster *k = n->casters; k != NULL; k = k->next)
@@ -235,7 +235,7 @@ static int64_t gvnet_earlier(int64_t a, int64_t b)
     return a < b ? a : b;
 }
 
-/* Everything that is due; the time of the next thing. */
+/* Do everything that is due.  Returns the time when the next thing is due. */
 static int64_t gvnet_step(struct cap_gvnet *n)
 {
     int64_t now = pvx_now_real(), next = line_step(n, now);
@@ -284,7 +284,7 @@ static void wake(cap_gvnet *n)
 {
     uint64_t one = 1;
     if (write(n->wake, &one, sizeof one) < 0)
-        return; /* full: it is awake already */
+        return; /* full: the thread is awake already */
 }
 
 void gvnet_unlock(cap_gvnet *n)
@@ -319,7 +319,7 @@ void gvnet_remove(cap_gvnet *n, cap_gvcam *c)
         }
     uint64_t polls = n->polls;
     wake(n);
-    while (n->polling && n->polls == polls) /* else its address stays in use after close */
+    while (n->polling && n->polls == polls) /* else the address stays in use after close */
         pthread_cond_wait(&n->looked, &n->lock);
     pthread_mutex_unlock(&n->lock);
 }

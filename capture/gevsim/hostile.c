@@ -1,4 +1,4 @@
-/* hostile.c - what a broken or evil camera sends: malformed acknowledges and packets. */
+/* hostile.c - malformed acknowledges and packets of a broken or hostile camera. */
 #include <string.h>
 
 #include "base/clock.h"
@@ -19,18 +19,18 @@ void gvcam_hostile_acks(struct cap_gvcam *c, const struct cap_gvcp_request *r,
     uint8_t p[CAP_GVCP_MAX];
     memset(p, 0xa5, sizeof p);
     hostile_say(c, c->control.fd, p, 0, to); /* empty */
-    hostile_say(c, c->control.fd, p, 3, to); /* not even a head */
+    hostile_say(c, c->control.fd, p, 3, to); /* shorter than a head */
     cap_gvcp_put_ack(p, CAP_GVCP_OK, r->command, (uint16_t)(r->id + 77), 4);
     hostile_say(c, c->control.fd, p, 12, to); /* to another request */
     cap_gvcp_put_ack(p, CAP_GVCP_OK, r->command, r->id, 500);
-    hostile_say(c, c->control.fd, p, CAP_GVCP_HEAD, to); /* says 500 bytes, has none */
+    hostile_say(c, c->control.fd, p, CAP_GVCP_HEAD, to); /* announces 500 bytes, has none */
     cap_gvcp_put_ack(p, CAP_GVCP_OK, 0x7770, r->id, 4);
     hostile_say(c, c->control.fd, p, 12, to); /* of an unknown command */
     cap_gvcp_put_command(p, CAP_GVCP_ACK, CAP_GVCP_READREG, r->id, "\0\0\0\0", 4);
     hostile_say(c, c->control.fd, p, 12, to); /* a request instead */
 }
 
-/* One bad packet about the frame that begins.  It may cost that frame, never another. */
+/* Send one bad packet about the frame that begins.  It may cost that frame, but no other. */
 void gvcam_hostile_packets(struct cap_gvcam *c, const struct gvcam_shot *s,
                            const struct sockaddr_in *to)
 {
@@ -42,14 +42,14 @@ void gvcam_hostile_packets(struct cap_gvcam *c, const struct gvcam_shot *s,
         p[k] = (uint8_t)(pvx_uniform(&c->rng) * 256);
     switch ((int)(pvx_uniform(&c->rng) * 10)) {
     case 0: n = 0; break;                                         /* empty */
-    case 1: n = 1 + (size_t)(pvx_uniform(&c->rng) * 7); break;    /* not even a head */
+    case 1: n = 1 + (size_t)(pvx_uniform(&c->rng) * 7); break;    /* shorter than a head */
     case 2: h.packet = 0xfffff0; break;                           /* far behind the end */
-    case 3: h.block = s->id > 3000 ? s->id - 2000 : 45000; break; /* of no frame near by */
-    case 4: /* of no frame ever; but shortly before the wrap Aravis takes the next hundred for late */
+    case 3: h.block = s->id > 3000 ? s->id - 2000 : 45000; break; /* of no nearby frame */
+    case 4: /* never a frame's; but just before the wrap Aravis would take the next hundred as late */
         h.block = !c->send.wide && s->id > 65400 ? s->id - 2000 : 0;
         break;
-    case 5: h.content = 0x7d; break;                                /* of no known kind */
-    case 6: n = CAP_GVSP_HEAD; break;                               /* data, but none in it */
+    case 5: h.content = 0x7d; break;                                /* of an unknown kind */
+    case 6: n = CAP_GVSP_HEAD; break;                               /* data packet without data */
     case 7: h.content = CAP_GVSP_LEAD, h.packet = 0, n = 12; break; /* leader cut short */
     case 8: h.content = CAP_GVSP_TRAIL, h.packet = 0xfffffe; break;
     default: h.wide = !c->send.wide, n = 12; break; /* the other kind of number, and cut short */

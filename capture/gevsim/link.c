@@ -7,7 +7,7 @@ bool gvcam_link_silent(const struct gvcam_link *l, int64_t now)
     return now < l->silent_until;
 }
 
-/* A leaky bucket: what is in the switch's buffer drains at the rate of the link. */
+/* A leaky bucket: the switch's buffer drains at the rate of the link. */
 bool gvcam_link_pass(struct gvcam_link *l, size_t bytes, int64_t now, uint64_t *cut)
 {
     bool ok = !gvcam_link_silent(l, now);

@@ -8,13 +8,13 @@
 struct gvcam_link {
     double bytes_per_ns; /* 0 = no limit */
     size_t buffer;
-    double level; /* of the buffer */
-    int64_t at;   /* as of when */
+    double level; /* bytes in the buffer */
+    int64_t at;   /* time of that level */
     int64_t silent_until;
     uint32_t line_level;
-    int64_t shown; /* 1 + image that all cameras show; 0: that of the instant */
+    int64_t shown; /* 1 + image that all cameras show; 0: the image of the instant */
 };
 bool gvcam_link_silent(const struct gvcam_link *l, int64_t now);
-/* May a packet of so many bytes go out?  No: one more in *cut. */
+/* Whether a packet of this many bytes may go out.  If not, adds one to *cut. */
 bool gvcam_link_pass(struct gvcam_link *l, size_t bytes, int64_t now, uint64_t *cut);
 #endif

@@ -30,7 +30,7 @@ static int put_file(const char *path, const char *text)
     return e;
 }
 
-/* Inside a user namespace one may map oneself only, and groups only after giving up setgroups. */
+/* In a user namespace a process may map only itself, and groups only after it has given up setgroups. */
 static int map_ids(unsigned uid, unsigned gid)
 {
     char map[64];
@@ -44,8 +44,8 @@ static int map_ids(unsigned uid, unsigned gid)
     return put_file("/proc/self/gid_map", map);
 }
 
-/* Ids other than 0 lose every capability at exec unless it is "ambient".  Failing is no error: GigE
- * streams then use plain UDP sockets. */
+/* Ids other than 0 lose every capability at exec, except "ambient" ones.  A failure is not an error: GigE streams
+ * then use plain UDP sockets. */
 static void keep_net_raw(void)
 {
     struct __user_cap_header_struct head = {.version = _LINUX_CAPABILITY_VERSION_3};
@@ -75,7 +75,7 @@ static pvx_err enter_namespaces(struct pvx_diag *d)
     unsigned uid = geteuid(), gid = getegid();
     if (uid == 0 && unshare(CLONE_NEWNET) == 0)
         return PVX_OK;
-    /* Also for a root without the right to make namespaces, as in containers. */
+    /* Also for root without the right to make namespaces, as in containers. */
     if (unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0)
         return refuse(d, "new user and network namespace", errno);
     int e = map_ids(uid, gid);
@@ -85,7 +85,7 @@ static pvx_err enter_namespaces(struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Each address by an alias, lo:1 and so on: the mask is that of 127.0.0.0/8, the scope the host. */
+/* Each address is an alias, lo:1 and so on, with the mask of 127.0.0.0/8 and the scope of the host. */
 static pvx_err set_up_lo(unsigned n, struct pvx_diag *d)
 {
     int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);

@@ -1,10 +1,9 @@
 /* netns.h - a private loopback network with extra addresses, for an ordinary user.
  *
- * New user + network namespace for the calling process (single-threaded at that time): lo is up and
+ * Makes a new user and network namespace for the calling process, which must be single-threaded.  In it, lo is up and
  * has 127.0.0.2 .. 127.0.0.(1+n).  Sockets inside cannot reach out; ipc:// endpoints (files) can.
- * User and group ids stay what they are.  CAP_NET_RAW of the private network is kept for programs
- * that are run from here, so that GigE streams may use packet sockets as they do for root.
- * As root the user namespace is left out. */
+ * User and group ids stay the same.  Programs that are run from here keep CAP_NET_RAW of the private network, so that
+ * GigE streams may use packet sockets as for root.  As root there is no user namespace. */
 #ifndef CAP_NETNS_H
 #define CAP_NETNS_H
 #include "base/err.h"

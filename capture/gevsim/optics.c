@@ -23,7 +23,7 @@ static void optics_add(float *restrict out, const float *restrict in, size_t n, 
         out[i] += t * in[i];
 }
 
-/* Along rows, or down the columns; it is dark outside. */
+/* Filter along rows, or (down) along columns.  The picture is dark outside. */
 static void filter(const struct cap_optics_shape *s, const struct taps *t, bool down,
                    const float *in, float *out)
 {
@@ -40,7 +40,7 @@ static void filter(const struct cap_optics_shape *s, const struct taps *t, bool 
         }
 }
 
-/* F(x - by): between the pixels x - i - 1 and x - i, i = floor(by). */
+/* F(x - by) lies between the pixels x - i - 1 and x - i, i = floor(by). */
 static void shift_taps(double by, struct taps *t)
 {
     double i = floor(by), u = 1 - (by - i), u2 = u * u, u3 = u2 * u;
@@ -94,7 +94,7 @@ static void displace(const struct cap_optics *o, const struct cap_optics_shape *
         mirror(s, image);
 }
 
-/* ---- how much, and what the sensor says ------------------------------------------------------- */
+/* ---- exposure and sensor ---------------------------------------------------------------------- */
 
 /* -1..1 from edge to edge */
 static double optics_across(double x, int32_t n)
@@ -102,7 +102,7 @@ static double optics_across(double x, int32_t n)
     return (2 * x + 1 - n) / n;
 }
 
-/* Light that is not the flame's. */
+/* Light that does not come from the flame. */
 struct source {
     double level, du, dv;      /* level + du u + dv v */
     double wave, p, q, dx, dy; /* background */
@@ -168,7 +168,7 @@ static void expose_row(const struct cap_optics *o, const struct cap_optics_shape
         for (int ch = 0; ch < s->nch; ch++) {
             float *v = row + (size_t)x * (size_t)s->nch + ch;
             float p = scale * (*v + more);
-            p = p > 0 ? p : 0; /* the cubic swings below */
+            p = p > 0 ? p : 0; /* the cubic may go below 0 */
             p = p < FLOODED ? p : FLOODED;
             *v = base + (curved ? powf(p, (float)o->response) : p);
         }

@@ -1,11 +1,11 @@
-/* optics.h - what lens and sensor make of a picture, and what can be wrong with them: one arithmetic for the
- * simulated cameras and for tests without a network.
+/* optics.h - the effects and faults of lens and sensor on a picture.  The simulated cameras and the tests without a
+ * network use the same arithmetic.
  *
  *     P = mirror(blur(shift(F))) + B          F the flame's picture, linear, 1 = full scale; outside of it 0
  *     P = S  with flat,  B  with empty,  0  with cap,  1000  with flood; cap before flood before flat
  *     v = min(exposure gain V P, 1000)^response + pedestal + H                                   (1)
- * then the caller's noise, clipping to 0..1 and rounding, in this order: noise does not scale with the signal,
- * and what is clipped was exposed first.
+ * Then follow the caller's noise, clipping to 0..1 and rounding, in this order.  So noise does not scale with the
+ * signal, and clipping comes after exposure.
  *
  *     shift       (dx,dy) px: F(x - dx, y - dy), to the right and down; Catmull and Rom's cubic between pixels
  *     blur        Gaussian of standard deviation sigma px, each way, cut at 4 sigma
@@ -37,7 +37,7 @@ struct cap_optics {
     double pedestal;       /* full scale */
     double hot;            /* share */
     bool cap, flood, empty, mirrored;
-    bool none[4]; /* no padding: owners compare all of it as bytes */
+    bool none[4]; /* fills the padding, because owners compare the struct as bytes */
 };
 extern const struct cap_optics cap_optics_none; /* gain, exposure and response 1, no pedestal */
 
@@ -46,8 +46,9 @@ struct cap_optics_shape {
     int nch;       /* samples of a pixel */
     uint64_t seed; /* of this camera's hot pixels and background */
 };
-/* image [h][w][nch], F in, v out, never above 1000^response; scratch as large.  All values finite and as above.
- * Allocates nothing.  Cost: 640x480x3 2 ms; a response or a background 6 more, blur by 2 px 4, by 20 px 40. */
+/* image [h][w][nch]: F in, v out, never above 1000^response.  scratch has the same size.  All values must be finite
+ * and in the ranges above.  Allocates nothing.
+ * Cost: 640x480x3 2 ms; a response or a background 6 more, blur by 2 px 4, by 20 px 40. */
 void cap_optics_apply(const struct cap_optics *o, const struct cap_optics_shape *s, float *image,
                       float *scratch);
 #endif

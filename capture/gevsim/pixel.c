@@ -17,7 +17,7 @@ static bool is_packed(enum cap_pixfmt f)
     return l == CAP_LAYOUT_P || l == CAP_LAYOUT_PACKED;
 }
 
-/* From the ring's format can be made: grey -> grey; a Bayer pattern -> the same; RGB -> all. */
+/* Whether f can be made from the ring's format: grey -> grey; a Bayer pattern -> the same; RGB -> all. */
 bool gvcam_offers(const struct cap_gvcam *c, enum cap_pixfmt f)
 {
     enum cap_layout l = cap_pixfmt_layout(f);

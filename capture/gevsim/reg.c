@@ -1,4 +1,4 @@
-/* reg.c - reading and writing the camera's registers, and what that does. */
+/* reg.c - reads and writes the camera's registers, with the effects of that. */
 #include <math.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@ static uint32_t bits_of(float f)
     return u;
 }
 
-/* GVCAM_N_FEATURES: no feature has that address. */
+/* The feature with this address; GVCAM_N_FEATURES: there is none. */
 static unsigned feature_at(uint32_t address)
 {
     if (address >= GVF_ADDRESS(0) && address < GVF_ADDRESS(GVCAM_N_FEATURES)) {
@@ -129,7 +129,7 @@ uint16_t gvcam_reg_read(struct cap_gvcam *c, uint32_t address, int64_t now, uint
 
 /* ---- writing ---------------------------------------------------------------------------------- */
 
-/* As the client has saved it; false: it has not. */
+/* Load the user set that the client has saved; false: it has saved none. */
 static bool load_saved(struct cap_gvcam *c)
 {
     bool saved = c->reg.user_set[GVF_WIDTH] != 0;
@@ -191,7 +191,7 @@ static bool is_entry(const struct gvcam_entry *e, uint32_t v)
     return false;
 }
 
-/* Size and place against each other: the region stays inside the sensor. */
+/* Whether size and offset keep the region inside the sensor. */
 static bool region_fits(const struct cap_gvcam *c, unsigned k, uint32_t v)
 {
     uint32_t w = (uint32_t)c->c.width, h = (uint32_t)c->c.height;

@@ -1,4 +1,4 @@
-/* reg.h - 32-bit registers and what writing them does; all but the control privilege's. */
+/* reg.h - the camera's 32-bit registers and the effects of writing them, except the control privilege. */
 #ifndef CAP_GVCAM_REG_H
 #define CAP_GVCAM_REG_H
 #include "capture/gevsim/feature.h"
@@ -15,10 +15,10 @@ struct gvcam_reg {
     uint64_t latched;
     uint32_t ptp_status_latched;
     int64_t ptp_offset_latched;
-    bool reset; /* DeviceReset was written: for control.c to do */
+    bool reset; /* DeviceReset was written; control.c does the reset */
 };
 void gvcam_reg_reset(struct cap_gvcam *c);  /* features as after power-up */
-void gvcam_reg_reboot(struct cap_gvcam *c); /* everything, by the default user set */
+void gvcam_reg_reboot(struct cap_gvcam *c); /* everything, from the default user set */
 /* Both: enum cap_gvcp_status. */
 uint16_t gvcam_reg_read(struct cap_gvcam *c, uint32_t address, int64_t now, uint32_t *out);
 uint16_t gvcam_reg_write(struct cap_gvcam *c, uint32_t address, int64_t now, uint32_t value);

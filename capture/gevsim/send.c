@@ -1,4 +1,4 @@
-/* send.c - frames onto the network: packets, delays, losses, and again on request. */
+/* send.c - sends frames: packets, delays, losses, and resending on request. */
 #include <errno.h>
 #include <poll.h>
 #include <stdlib.h>
@@ -17,9 +17,9 @@ struct batch {
     unsigned n;
 };
 #define ETHERNET     38                  /* bytes around a packet on the cable */
-#define CATCH_UP_NS  (4 * PVX_NS_PER_MS) /* that a thread which came late may send at once */
-#define MAX_PAUSE_NS (2 * PVX_NS_PER_S)  /* longer is a clock that was set back */
-static const uint8_t garbage[512];       /* what a packet that is too long ends with */
+#define CATCH_UP_NS  (4 * PVX_NS_PER_MS) /* that a late thread may send at once */
+#define MAX_PAUSE_NS (2 * PVX_NS_PER_S)  /* a longer pause means that the clock was set back */
+static const uint8_t garbage[512];       /* the end of a packet that is too long */
 
 static struct sockaddr_in target(const struct cap_gvcam *c)
 {
@@ -129,7 +129,7 @@ static void send_build(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, ui
     }
     iov[0] = (struct iovec){b->head[k], n};
     if (s->shot.corrupt != 0 && p == 1 + s->n_data / 2) {
-        if (s->shot.corrupt == 1) { /* another packet's number, far outside, and another kind */
+        if (s->shot.corrupt == 1) { /* a packet number far outside, and another kind */
             b->head[k][4] = (uint8_t)(b->head[k][4] ^ 0x05);
             b->head[k][5] = 0x7f;
         } else {
@@ -168,7 +168,7 @@ static void flush(struct cap_gvcam *c, struct batch *b)
     b->n = 0;
 }
 
-/* Lost, cut, or into the batch. */
+/* Lose the packet, have the switch cut it, or put it into the batch. */
 static void offer(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_t status,
                   struct batch *b, int64_t now)
 {
@@ -185,7 +185,7 @@ static void offer(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_
 
 /* ---- frames ----------------------------------------------------------------------------------- */
 
-/* Frames already sent that showed image k are no longer what it shows. */
+/* Renew image k if needed.  Then remembered frames that showed it are no longer valid. */
 static void send_renew(struct cap_gvcam *c, size_t k)
 {
     if (c->c.renew == NULL || !c->c.renew(c->c.renew_ctx, k, &c->fault.optics))
@@ -202,7 +202,7 @@ static void send_prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct
     *s = (struct gvcam_sent){.shot = *shot, .used = true};
     s->image = gvcam_image_of(c, shot->index);
     s->image_bytes = s->image != NULL ? c->image.frame_bytes : 0;
-    if (shot->wrong == 2) /* a sensor that stopped: the upper half */
+    if (shot->wrong == 2) /* the sensor stopped: only the upper half */
         s->image_bytes = s->image_bytes / c->image.region[1] * ((c->image.region[1] + 1) / 2);
     s->tail_bytes = c->send.chunks ? gvcam_chunks(c, shot, s->tail) : 0;
     s->per_packet = per_packet(c);
@@ -236,7 +236,7 @@ static void send_finish(struct cap_gvcam *c)
     c->send.cur = NULL;
 }
 
-/* The order in which the next n packets of the frame leave: some are overtaken, some come twice. */
+/* The order in which the next n packets of the frame are sent: some are overtaken, some come twice. */
 static unsigned send_order(struct cap_gvcam *c, unsigned n, uint32_t *out)
 {
     unsigned m = 0;
@@ -260,7 +260,7 @@ static unsigned send_order(struct cap_gvcam *c, unsigned n, uint32_t *out)
     return m;
 }
 
-/* Some packets of the frame under way. */
+/* Send some packets of the present frame. */
 static void send_some(struct cap_gvcam *c, unsigned max, int64_t now)
 {
     struct batch b;
@@ -289,8 +289,8 @@ static int64_t wire_ns(const struct cap_gvcam *c, unsigned n)
     return (int64_t)((double)n * (c->reg.v[GVF_SCPS] + ETHERNET) * 8e3 / c->c.link_mbit);
 }
 
-/* The packet delay is never undercut: a late packet does not make the next one early.  The cable may
- * catch up a little. */
+/* The pause between packets is never less than the packet delay: a late packet does not make the next one early.
+ * Without a packet delay, the cable may catch up a little. */
 int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now)
 {
     if (c->reg.v[GVF_SCP_PORT] == 0) {
@@ -323,7 +323,7 @@ static struct gvcam_sent *send_remembered(struct cap_gvcam *c, uint64_t id)
     return NULL;
 }
 
-/* A packet that says only why there is no packet. */
+/* Send a packet without data that gives the reason why the requested packet is missing. */
 static void say_why(struct cap_gvcam *c, uint16_t status, uint64_t block, uint32_t packet)
 {
     uint8_t p[CAP_GVSP_HEAD_WIDE];
@@ -361,7 +361,8 @@ void gvcam_send_again(struct cap_gvcam *c, const struct cap_gvcp_resend *r)
     flush(c, &b);
 }
 
-/* As long as a data packet is now, and not to be put into pieces: does it arrive? */
+/* Send a test packet as long as a data packet is now.  It must not be fragmented, so it shows whether the size
+ * works. */
 void gvcam_send_test(struct cap_gvcam *c)
 {
     uint8_t p[GVCAM_PACKET_MAX];

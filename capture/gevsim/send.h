@@ -1,4 +1,4 @@
-/* send.h - frames onto the network, and their packets. */
+/* send.h - sends frames as packets. */
 #ifndef CAP_GVCAM_SEND_H
 #define CAP_GVCAM_SEND_H
 #include <netinet/in.h>
@@ -26,14 +26,14 @@ struct gvcam_shot {
     uint8_t corrupt; /* 1: a head, 2: a long packet */
     bool hostile;
 };
-/* A frame on its way out, or still remembered. */
+/* A frame that is being sent, or was sent and is still remembered. */
 struct gvcam_sent {
     struct gvcam_shot shot;
     bool used, torn;
     const uint8_t *image;
     size_t image_bytes, tail_bytes;
     uint8_t tail[GVCAM_TAIL];
-    uint32_t per_packet;   /* bytes of it in a data packet; SCPS may be another by now */
+    uint32_t per_packet;   /* bytes of it in a data packet; SCPS may have changed since */
     uint32_t n_data, next; /* data packets; next packet to send: 0 leader .. n_data + 1 trailer */
 };
 
@@ -74,7 +74,7 @@ struct gvcam_send {
     int64_t packet_at; /* not before, packet delay */
 };
 void gvcam_send_start(struct cap_gvcam *c);
-void gvcam_send_forget(struct cap_gvcam *c); /* nothing queued, under way or remembered */
+void gvcam_send_forget(struct cap_gvcam *c); /* drop frames queued, being sent or remembered */
 bool gvcam_send_queue(struct cap_gvcam *c, const struct gvcam_shot *s); /* false: full */
 int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now); /* when it wants to be called next */
 void gvcam_send_again(struct cap_gvcam *c, const struct cap_gvcp_resend *r);

@@ -40,7 +40,7 @@ static void open_register(FILE *f, const char *kind, const char *name, uint32_t 
 static void put_int_register(FILE *f, const struct gvcam_feature_def *d, uint32_t address)
 {
     bool one = d->kind == GVK_BIT || d->kind == GVK_BIT_BOOL;
-    if (one || d->bit > 0) { /* that bit, or from it down to the least significant */
+    if (one || d->bit > 0) { /* this bit, or the bits from it to the least significant */
         open_register(f, "MaskedIntReg", d->name, address, 4, d->access & 3, "Device");
         fprintf(f, one ? "<Bit>%d</Bit>" : "<LSB>31</LSB><MSB>%d</MSB>", d->bit);
         fprintf(f, "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></MaskedIntReg>\n");
@@ -257,7 +257,7 @@ static pvx_err zip(const char *name, const uint8_t *in, size_t n, uint8_t **out,
         z.avail_in = (unsigned)n;
         z.next_out = p + 30 + len;
         z.avail_out = (unsigned)room;
-        (void)deflate(&z, Z_FINISH); /* room is enough: always to the end */
+        (void)deflate(&z, Z_FINISH); /* there is enough room, so it always finishes */
     }
     size_t packed = z.total_out;
     deflateEnd(&z);
