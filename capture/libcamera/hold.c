@@ -15,7 +15,7 @@
 #include "base/log.h"
 
 #define CLASS "/sys/class/video4linux"
-#define MAX   256 /* of the kernel's numbers of video devices */
+#define MAX   256 /* the kernel has this many numbers of video devices */
 
 static struct {
     pthread_mutex_t lock;
@@ -23,7 +23,7 @@ static struct {
     size_t n;
 } held = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
-/* What cannot be pulled keeps its numbers. */
+/* Whether the device is on USB.  Other devices cannot be unplugged and keep their numbers. */
 static bool on_usb(const char *name)
 {
     char link[PATH_MAX], path[PATH_MAX];

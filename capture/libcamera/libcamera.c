@@ -1,17 +1,16 @@
 /* libcamera.c - libcamera: cameras on a CSI bus (Raspberry Pi, laptops) and USB.
  *
- * Zero copy: the buffers that libcamera's handler allocates are mapped once and go to the consumer
- * and come back (lend.h); with fewer of them than the configuration's `buffers` and the two that
- * stay with the camera, images are copied instead (the handler of USB cameras always has four).
- * libcamera's one thread for all cameras hands over; the C++ is in shim.cpp.
- * A camera that libcamera reports as disconnected is lost at once, and found again by its name when it
- * is back; hold.h says what that takes.
+ * Zero copy: the buffers that libcamera's handler allocates are mapped once, go to the consumer and come back
+ * (lend.h).  Images are copied instead if there are fewer buffers than the configuration's `buffers` and the two that
+ * stay with the camera (the handler of USB cameras always has four).
+ * libcamera's one thread for all cameras hands frames over.  The C++ is in shim.cpp.
+ * A camera that libcamera reports as disconnected is lost at once, and found again by its name when it is back.
+ * hold.h explains what this needs.
  *
- * Times: SensorTimestamp.  libcamera says that it counts as CLOCK_BOOTTIME does; handlers pass on the
- * kernel's CLOCK_MONOTONIC.  The two differ by the time that the host has slept, so which one it is
- * follows from the arrival; a stamp more than 10 s off either is not used.
- * Colours and exposure: exposure and gain of each frame come from its metadata where the handler
- * gives them (that of USB cameras does not). */
+ * Times: SensorTimestamp.  libcamera says that it counts like CLOCK_BOOTTIME, but handlers pass on the kernel's
+ * CLOCK_MONOTONIC.  The two differ by the time that the host has slept, so the time of arrival shows which clock it
+ * is.  A stamp more than 10 s from both is not used.
+ * Exposure and gain of each frame come from its metadata, if the handler gives them (USB: none). */
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -37,7 +36,7 @@
 #define STAMP_MAX (10 * PVX_NS_PER_S)
 
 struct buffers {
-    struct cap_lc_camera *camera; /* requeue: between start and stop only */
+    struct cap_lc_camera *camera; /* for requeue, only between start and stop */
     struct cap_lc_memory *memory;
 };
 
@@ -59,7 +58,7 @@ struct source {
     struct cap_numbering sequence;
 
     struct cap_gate gate;
-    pthread_mutex_t lock; /* of the rest */
+    pthread_mutex_t lock; /* guards the fields below */
     bool odd_stamp;
     double temperature_c;
 };
@@ -74,7 +73,8 @@ static struct {
 
 static void libcamera_find_module(void)
 {
-    /* Read when the library is loaded; its errors come back as ours, its messages are off unless the user sets it. */
+    /* libcamera reads this when it is loaded.  Its errors come back as ours.  Its messages are off, unless the user
+     * has set the variable. */
     setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
     module.lc = pvx_module_load("pyrovox-libcamera.so", "cap_lc_module", CAP_LC_VERSION, module.why,
                                 sizeof module.why);
@@ -194,7 +194,7 @@ static void libcamera_destroy(void *ctx)
 
 static const struct cap_lend_ops lend_ops = {libcamera_requeue, libcamera_destroy};
 
-/* Takes the memory. */
+/* Takes ownership of the memory. */
 static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *memory,
                                       struct pvx_diag *d)
 {
@@ -234,7 +234,7 @@ static void on_gone(void *ctx)
     cap_gate_lost(&s->gate, &s->sink, s->c.camera);
 }
 
-/* Number of the next good frame; what is missing before it is counted. */
+/* Number of the next good frame.  Counts the frames missing before it. */
 static uint64_t libcamera_number(struct source *s, uint32_t counter)
 {
     uint64_t gap, id = cap_numbering_next(&s->sequence, counter, &gap);
@@ -243,7 +243,7 @@ static uint64_t libcamera_number(struct source *s, uint32_t counter)
     return id;
 }
 
-/* On CLOCK_MONOTONIC; 0 = not known. */
+/* Time of exposure on CLOCK_MONOTONIC; 0 = not known. */
 static int64_t libcamera_exposure_time(struct source *s, int64_t stamp, int64_t mono)
 {
     struct timespec ts;
@@ -331,7 +331,7 @@ static void libcamera_close(cap_source **sp)
     if (s == NULL)
         return;
     *sp = NULL;
-    /* Memory that is still with the consumer stays mapped; the camera is free for the next one. */
+    /* Memory that the consumer still uses stays mapped.  The camera is free for the next user. */
     if (s->camera != NULL)
         module.lc->close(s->camera);
     cap_lend_close(&s->lend);

@@ -64,7 +64,7 @@ enum cap_pixfmt lc_pixfmt(struct cap_lc_format f)
     return CAP_FMT_NONE;
 }
 
-/* JPEG is full range by its own standard, whatever is said. */
+/* JPEG is always full range, by its own standard. */
 uint8_t lc_yuv(const struct cap_lc_layout *l)
 {
     uint8_t transfer = l->transfer_rec709 ? CAP_YUV_TRANSFER_709 : 0;

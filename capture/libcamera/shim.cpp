@@ -24,7 +24,7 @@
 
 using namespace libcamera;
 
-/* One buffer mapped; data is where its first plane begins. */
+/* One mapped buffer; data is the start of its first plane. */
 struct Mapping {
     void *base = MAP_FAILED;
     size_t bytes = 0;
@@ -55,7 +55,7 @@ struct cap_lc_camera {
     bool running = false;
     bool gone = false; /* under `calling`: unplugged */
     unsigned seen = 0;
-    std::mutex calling; /* a callback is under way; sink is empty when none may come */
+    std::mutex calling; /* held during a callback; sink is empty when none may come */
 
     std::mutex lock; /* of text */
     std::string text;
@@ -74,12 +74,12 @@ std::string system_text(const char *what, int negative_errno)
 
 /* ---- the one manager of the process ------------------------------------------------------------- */
 
-/* Made on first use, ended at exit - unless a camera is still open then: libcamera would wait for it. */
+/* Made on first use and ended at exit, unless a camera is still open then, because libcamera would wait for it. */
 struct Manager {
     std::mutex lock;
     std::unique_ptr<CameraManager> manager;
     unsigned open = 0;
-    std::vector<cap_lc_camera *> unplugged; /* still open to libcamera */
+    std::vector<cap_lc_camera *> unplugged; /* still open in libcamera */
 
     ~Manager()
     {
@@ -159,7 +159,7 @@ bool parse_numbers(const char *text, std::vector<double> &out)
     return !out.empty();
 }
 
-/* The library's own span: libcamera::Span, or std::span in what follows 0.7. */
+/* The library's own span: libcamera::Span, or std::span after 0.7. */
 template <typename> struct span_rebound;
 template <template <typename, size_t> class S, typename T, size_t N> struct span_rebound<S<T, N>> {
     template <typename U> using of = S<U, static_cast<size_t>(-1)>; /* dynamic_extent of both */
@@ -222,7 +222,7 @@ bool has(const cap_lc_camera &c, const char *name)
     return control_named(*c.camera, name) != nullptr;
 }
 
-/* A number that the camera gets in its own type. */
+/* Set a number, converted to the control's own type. */
 int set_number(cap_lc_camera &c, const char *name, double v, std::string &why)
 {
     const ControlId *id = control_named(*c.camera, name);
@@ -240,7 +240,7 @@ int set_controls(cap_lc_camera &c, const cap_lc_config &cfg, cap_lc_layout &layo
         std::array<int64_t, 2> both{cfg.frame_us, cfg.frame_us};
         c.controls.set(controls::FrameDurationLimits, both);
     }
-    /* Since 0.5 exposure and gain have an automatic of their own each, before they share one. */
+    /* Since 0.5 exposure and gain have separate automatic modes.  Before, they share one. */
     if (cfg.exposure_us >= 0 && has(c, "ExposureTimeMode"))
         PVX_TRY(static_cast<pvx_err>(set_number(c, "ExposureTimeMode", 1, why)));
     if (cfg.gain >= 0 && has(c, "AnalogueGainMode"))
@@ -281,7 +281,7 @@ std::vector<cap_lc_mode> modes_of(const StreamConfiguration &s)
                        static_cast<int32_t>(size.width),
                        static_cast<int32_t>(size.height)});
     };
-    add(s.pixelFormat, s.size); /* what the camera would choose comes first */
+    add(s.pixelFormat, s.size); /* the camera's own choice comes first */
     for (const PixelFormat &f : s.formats().pixelformats())
         for (const Size &size : s.formats().sizes(f))
             add(f, size);
@@ -365,14 +365,14 @@ int map_buffers(cap_lc_camera &c, cap_lc_memory &m, std::string &why)
     return PVX_OK;
 }
 
-/* Tell caches that the CPU reads; where they are coherent, and for memory that is no DMABUF, nothing. */
+/* Prepare the caches for reads by the CPU.  No effect with coherent caches or for memory that is not a DMABUF. */
 void cpu_reads(int file, uint64_t when)
 {
     struct dma_buf_sync sync = {when | DMA_BUF_SYNC_READ};
     (void)ioctl(file, DMA_BUF_IOCTL_SYNC, &sync);
 }
 
-/* A frame that the sensor needs to start with; a status that later libcameras have. */
+/* Whether this is a frame that the sensor needs to start.  Only later libcameras have this status. */
 template <typename M> auto starting(const M &m, int) -> decltype(M::FrameStartup, true)
 {
     return m.status == M::FrameStartup;
@@ -382,7 +382,7 @@ template <typename M> bool starting(const M &, long)
     return false;
 }
 
-/* Of the first plane; images of several are not asked for. */
+/* Bytes used of the first plane.  Images with several planes are never requested. */
 size_t bytes_used(const FrameMetadata &m)
 {
     return m.planes().empty() ? 0 : m.planes()[0].bytesused;
@@ -434,7 +434,7 @@ void cap_lc_camera::done(Request *r)
         f.good = -1;
     if (f.bytes > map.bytes - static_cast<size_t>(map.data - static_cast<uint8_t *>(map.base)))
         f.good = 0;
-    if (++seen == 10) { /* nothing is thrown into libcamera's thread: that would end the process */
+    if (++seen == 10) { /* guarded: an exception in libcamera's thread would end the process */
         char err[64];
         (void)guarded(err, sizeof err, [&]() -> int {
             compare(said);
