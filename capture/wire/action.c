@@ -10,7 +10,7 @@
 #include "base/mem.h"
 #include "capture/wire/gvcp.h"
 
-#define MOST 256 /* datagrams looked at per call */
+#define MOST 256 /* datagrams read per call */
 
 struct cap_action_sender {
     int fd;
@@ -80,7 +80,7 @@ pvx_err cap_action_send(cap_action_sender *s, uint32_t address, const uint8_t *p
 
 bool cap_action_answer(cap_action_sender *s, uint32_t *from, struct cap_action_ack *out)
 {
-    for (int i = 0; i < MOST; i++) { /* somebody may send for ever */
+    for (int i = 0; i < MOST; i++) { /* bounded, because a sender may never stop */
         uint8_t p[64];
         struct sockaddr_in sa = {0};
         socklen_t len = sizeof sa;

@@ -4,7 +4,7 @@
 
 #include "capture/wire/be.h"
 
-/* Is a payload of n bytes what the command takes? */
+/* Whether the payload has a length that the command takes. */
 static uint16_t check_payload(const struct cap_gvcp_request *r)
 {
     switch (r->command) {

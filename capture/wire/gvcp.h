@@ -57,7 +57,7 @@ enum cap_gvcp_status {
     CAP_GVCP_NO_REFERENCE_TIME = 0x8013,
     CAP_GVCP_OVERFLOW = 0x8015,
     CAP_GVCP_ACTION_LATE = 0x8016,
-    CAP_GVCP_SILENT = 0xffff /* not of the protocol: not a command, nothing to answer */
+    CAP_GVCP_SILENT = 0xffff /* not in the protocol: not a command, so no answer */
 };
 
 struct cap_gvcp_request {
@@ -66,9 +66,9 @@ struct cap_gvcp_request {
     const uint8_t *data; /* payload, borrowed */
     size_t n;            /* its bytes */
 };
-/* A received datagram.  CAP_GVCP_OK: *out is a command whose payload is as long as it has to be
- * (READREG, WRITEREG: at least one register).  Else the status that the sender should get (*out is
- * good for an answer), or CAP_GVCP_SILENT. */
+/* Parses a received datagram.  CAP_GVCP_OK: *out is a command whose payload has the right length (READREG,
+ * WRITEREG: at least one register).  Else: the status for the answer to the sender (*out is good for that), or
+ * CAP_GVCP_SILENT. */
 uint16_t cap_gvcp_parse(const void *packet, size_t bytes, struct cap_gvcp_request *out);
 
 struct cap_gvcp_resend {
@@ -84,13 +84,13 @@ struct cap_gvcp_action {
 };
 void cap_gvcp_get_action(const struct cap_gvcp_request *r, struct cap_gvcp_action *out);
 
-/* The client's side, into out [CAP_GVCP_MAX]; bytes of the packet.  data may be NULL when n = 0;
- * n <= CAP_GVCP_MAX - CAP_GVCP_HEAD.  put_action: 20 bytes, 28 with a time. */
+/* The client's side: writes a command to out [CAP_GVCP_MAX], and returns the bytes of the packet.  data may be NULL
+ * if n = 0; n <= CAP_GVCP_MAX - CAP_GVCP_HEAD.  put_action: 20 bytes, 28 with a time. */
 size_t cap_gvcp_put_command(uint8_t *out, uint8_t flags, uint16_t command, uint16_t id,
                             const void *data, size_t n);
 size_t cap_gvcp_put_action(uint8_t *out, const struct cap_gvcp_action *a, bool want_ack,
                            uint16_t id);
-/* The device's side: the head of an acknowledge with n bytes of payload, which the caller puts at
+/* The device's side: writes the head of an acknowledge with n bytes of payload.  The caller puts the payload at
  * out + CAP_GVCP_HEAD.  `command` is the request's. */
 size_t cap_gvcp_put_ack(uint8_t *out, uint16_t status, uint16_t command, uint16_t id, size_t n);
 
@@ -99,6 +99,6 @@ struct cap_gvcp_answer {
     const uint8_t *data;
     size_t n;
 };
-/* False: not an acknowledge, or shorter than it says. */
+/* False: not an acknowledge, or shorter than its head says. */
 bool cap_gvcp_parse_ack(const void *packet, size_t bytes, struct cap_gvcp_answer *out);
 #endif

@@ -35,7 +35,7 @@ size_t cap_gvsp_put_trailer(uint8_t *out, uint16_t payload, uint32_t rows, uint3
 {
     cap_put16(out, 0);
     cap_put16(out + 2, payload);
-    if (payload == CAP_GVSP_EXTENDED_CHUNK) { /* 1.2 has them in this order */
+    if (payload == CAP_GVSP_EXTENDED_CHUNK) { /* the order in 1.2 */
         cap_put32(out + 4, chunk_bytes);
         cap_put32(out + 8, rows);
     } else {

@@ -7,7 +7,7 @@
  *                   | u32 width | u32 height | u32 x | u32 y | u16 x padding | u16 y padding
  *   trailer         u16 0 | u16 payload type | u32 rows;
  *                   with chunks after it u32 bytes of chunk data | u32 chunk layout id
- * Chunk data follow the image; each chunk is its bytes, then u32 id | u32 bytes: read from the end.
+ * Chunk data follow the image.  Each chunk is its bytes, then u32 id | u32 bytes, so it is read from the end.
  * A block id is never 0: 65535 is followed by 1.
  * Source: GigE Vision 1.2 and 2.0 as implemented by Aravis (arvgvspprivate.h).
  * Threads: pure. */
@@ -45,7 +45,7 @@ struct cap_gvsp_leader {
     uint32_t pixel_format, width, height, x, y;
 };
 size_t cap_gvsp_put_leader(uint8_t *out, const struct cap_gvsp_leader *l); /* CAP_GVSP_LEADER */
-/* chunk_bytes: of the chunk data (image's own chunk included); only with a chunk payload. */
+/* chunk_bytes: bytes of the chunk data, with the image's own chunk; only for a chunk payload. */
 size_t cap_gvsp_put_trailer(uint8_t *out, uint16_t payload, uint32_t rows, uint32_t chunk_bytes);
 
 /* Next block id. */
