@@ -1,5 +1,5 @@
-/* apng_shim.cpp - pictures into one animated PNG, by libavformat; see opencv_shim.h.  It is in that module
- * since OpenCV's reader of videos is made of the same libraries, which are loaded with it anyway. */
+/* apng_shim.cpp - writes pictures into one animated PNG with libavformat; see opencv_shim.h.  It is in that module,
+ * because OpenCV's reader of videos uses the same libraries, which are loaded with it anyway. */
 #include "capture/files/opencv_shim.h"
 
 #include <cstdio>
@@ -49,7 +49,7 @@ void drop(struct cap_cv_apng *a) noexcept
     free(a);
 }
 
-/* Encoder and file for pictures of that shape. */
+/* Open the encoder and the file for pictures of this shape. */
 int open(struct cap_cv_apng *a, int32_t width, int32_t height, int32_t channels, int32_t fps)
 {
     const AVCodec *codec = avcodec_find_encoder(AV_CODEC_ID_APNG);
@@ -89,7 +89,7 @@ int begin(int32_t width, int32_t height, int32_t channels, int32_t fps, struct c
     return failed(e, "no animated PNG", err, err_size);
 }
 
-/* A frame (nullptr: the last has been) in, what comes out of it into the file. */
+/* Encode a frame (nullptr: there are no more), and write the packets that come out to the file. */
 int encode(struct cap_cv_apng *a, const AVFrame *frame)
 {
     int e = avcodec_send_frame(a->enc, frame);
@@ -122,7 +122,7 @@ int end(struct cap_cv_apng *a, void **out, size_t *len, char *err, size_t err_si
     if (e >= 0)
         e = av_write_trailer(a->mux);
     uint8_t *bytes =
-        nullptr; /* not by avio_close_dyn_buf: it pads where the trailer left off, near the top */
+        nullptr; /* not avio_close_dyn_buf: it pads at the place where the trailer ended, near the start */
     int n = e >= 0 ? avio_get_dyn_buf(a->mux->pb, &bytes) : 0;
     if (e >= 0 && (*out = malloc(static_cast<size_t>(n))) == nullptr)
         e = AVERROR(ENOMEM);

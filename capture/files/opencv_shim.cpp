@@ -20,7 +20,7 @@ struct cap_cv_video {
 namespace
 {
 
-/* OpenCV's own exceptions know better what failed. */
+/* Uses the text of OpenCV's own exceptions, which says better what failed. */
 template <typename F> int in_opencv(char *err, size_t err_size, F f) noexcept
 {
     return guarded(err, err_size, [&]() -> int {
@@ -40,7 +40,7 @@ struct freed {
     }
 };
 
-/* Grey, BGR or BGRA -> grey or RGB, without a copy more where `out` has that shape already. */
+/* Grey, BGR or BGRA -> grey or RGB, without another copy if `out` has that shape already. */
 void to_rgb(const cv::Mat &in, cv::Mat &out)
 {
     switch (in.channels()) {
