@@ -1,11 +1,11 @@
 /* files.c - files: image sequences and videos as cameras.
  *
- * The time of a frame follows from its number alone (file name, or place in the video), so frames of one number form a
- * set even when others are missing.  Live: frames are handed over in real time, one period apart, and a frame that
+ * The time of a frame follows from its number alone (file name, or place in the video), so frames of one number form
+ * a set even when others are missing.  Live: frames are handed over in real time, one period apart, and a frame that
  * cannot be loaded in time is left out.  Lossless: as fast as the consumer takes them, and every frame.
- * All files: cameras share one time line: its begin and, with `loop`, the length of one turn.  Both are the same for all
- * cameras, also when some sequences are shorter or start later.  Otherwise turn k of one camera would meet turn k of
- * another with the wrong frames. */
+ * All files: cameras share one time line: its begin and, with `loop`, the length of one turn.  Both are the same for
+ * all cameras, also when some sequences are shorter or start later.  Otherwise turn k of one camera would meet turn k
+ * of another with the wrong frames. */
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>

@@ -112,7 +112,7 @@ int video_open(const char *path, struct cap_cv_video **out, double *fps, int32_t
     return in_opencv(err, err_size, [&]() -> int {
         *out = nullptr;
         auto v = std::make_unique<cap_cv_video>();
-        /* files only: the other backends go looking for cameras */
+        /* only backends for files: the others look for cameras */
         if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
             return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
         size[0] = static_cast<int32_t>(v->capture.get(cv::CAP_PROP_FRAME_WIDTH));
@@ -167,7 +167,7 @@ const struct cap_cv *cap_cv_module(void) noexcept
                                                     cv::utils::logging::setLogLevel(
                                                         cv::utils::logging::LOG_LEVEL_SILENT);
                                                     setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-                                                    /* no playlist that names other files, whatever it is called */
+                                                    /* no playlist that names other files, under any file name */
                                                     setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
                                                            "format_whitelist;mov,matroska,avi,apng",
                                                            0);

@@ -39,7 +39,7 @@ static void genicam_name_all(struct references *r, xmlNode *node)
     }
 }
 
-/* The node of that name, which is freed; NULL = none. */
+/* The node with this name; NULL = none.  Frees the name. */
 static xmlNode *genicam_named(const struct references *r, xmlChar *name)
 {
     xmlNode *e = name != NULL ? g_hash_table_lookup(r->named, name) : NULL;

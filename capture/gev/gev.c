@@ -1,7 +1,7 @@
 /* gev.c - aravis: GigE Vision and USB3 Vision cameras.
  *
- * find.c finds a camera.  setup.c applies the settings (with trigger.c, ptp.c and chunk.c).  stream.c receives frames.
- * watch.c is the slow loop.  gev.h lists threads and locks.
+ * find.c finds a camera.  setup.c applies the settings (with trigger.c, ptp.c and chunk.c).  stream.c receives
+ * frames.  watch.c is the slow loop.  gev.h lists threads and locks.
  *
  * We do not wait for a camera that has gone silent: Aravis asks for seconds at each access and when it gives up the
  * device.  Stop asks the camera once by itself.  Without an answer, a thread of its own gives up the device, so that

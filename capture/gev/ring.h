@@ -2,7 +2,7 @@
  *
  * Aravis 0.8.26 narrows its packet socket to one camera only after the socket's ring is in use.  Packets that other
  * cameras of this host sent in between lie in the ring too.  They would become complete frames of this camera, with
- * the picture of another.  (Measured: in every second opening beside three cameras of 200 Hz some 30 such packets.) */
+ * the picture of another.  (Measured: some 30 such packets in every second opening, with three cameras of 200 Hz.) */
 #ifndef CAP_ARAVIS_RING_H
 #define CAP_ARAVIS_RING_H
 #include <arv.h>

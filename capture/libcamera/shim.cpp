@@ -493,9 +493,9 @@ void lc_close(cap_lc_camera *c) noexcept
         Manager &m = the_manager();
         const std::lock_guard<std::mutex> hold(m.lock);
         {
-            /* libcamera does not take the requests of an unplugged camera back (0.0.3: stop() refuses, its video
+            /* libcamera does not take back the requests of an unplugged camera (0.0.3: stop() refuses, its video
              * device keeps pointers to the buffers and may still complete them).  They stay, with the camera, until
-             * the program ends: some 2 MB of address space per time that a cable is pulled. */
+             * the program ends: some 2 MB of address space each time that a cable is pulled. */
             const std::lock_guard<std::mutex> hold_calls(c->calling);
             if (c->gone) {
                 m.unplugged.push_back(c);
@@ -598,7 +598,7 @@ int lc_requeue(cap_lc_camera *c, uint32_t index) noexcept
         r->reuse(Request::ReuseBuffers);
         if (c->used[index])
             cpu_reads(c->memory->buffer[index].file, DMA_BUF_SYNC_END);
-        /* Handlers that ignore the controls of start() take those of a request. */
+        /* Handlers that ignore the controls of start() use those of a request. */
         if (!c->used[index])
             for (const auto &[id, value] : c->controls)
                 r->controls().set(id, value);
@@ -622,7 +622,7 @@ void lc_stop(cap_lc_camera *c) noexcept
     char err[64];
     (void)guarded(err, sizeof err, [&]() -> int {
         if (c->running)
-            (void)c->camera->stop(); /* one that is gone refuses */
+            (void)c->camera->stop(); /* fails if the camera is gone */
         c->running = false;
         {
             const std::lock_guard<std::mutex> hold_calls(c->calling);

@@ -2,11 +2,11 @@
  *
  * This file reads the frame header first.  The library gets only what cameras send (sequential, Huffman-coded, 8
  * bits, one or three components), and only in the expected size.  So a broken or hostile picture can ask for neither
- * memory nor time.  Every warning of the library makes the picture bad, because an incomplete picture would look whole
- * otherwise.  Exception: up to 16 extra bytes before the end-of-image marker, which many webcams send.  Pictures
- * without Huffman tables get the standard ones, as usual in motion JPEG.
- * The pixels are gamma-coded R'G'B' of 8 bits (img.yuv; transfer.h).  JFIF's matrix is that of BT.601, full range.  The
- * library interpolates chroma and rounds R'G'B' once.
+ * memory nor time.  Every warning of the library makes the picture bad, because an incomplete picture would look
+ * whole otherwise.  Exception: up to 16 extra bytes before the end-of-image marker, which many webcams send.
+ * Pictures without Huffman tables get the standard ones, as usual in motion JPEG.
+ * The pixels are gamma-coded R'G'B' of 8 bits (img.yuv; transfer.h).  JFIF's matrix is that of BT.601, full range.
+ * The library interpolates chroma and rounds R'G'B' once.
  * Memory: cap_jpeg_new allocates the picture's pixels and the decoder.  The library allocates work memory for each
  * picture and frees it (4:2:2 of 640x480: 8 blocks, 33 KB).  It has no interface for work memory of the caller that
  * reports errors without longjmp.

@@ -65,7 +65,7 @@ CAP_PIX_INLINE bool cap_pix_masked(const struct cap_maps *m, int32_t x, int32_t 
 
 /* ---- shared arithmetic ---- */
 
-/* The part of a YUV pair's chroma that both pixels share; then one pixel's R'G'B'. */
+/* The chroma term of a YUV pair, which is the same for both pixels; then R'G'B' of one pixel. */
 CAP_PIX_INLINE cap_f4 cap_pix_chroma(const struct cap_yuv_coef *k, int cb, int cr)
 {
     return k->at0 + (k->cb * (float)cb + k->cr * (float)cr);

@@ -31,7 +31,7 @@
 
 #define CAP_FPS_BIN_NS 250000000LL
 #define CAP_FPS_BINS   8 /* 2 s */
-/* After a start or a jump, the frames of this time, at most so many, only give the clock's map the least delay. */
+/* After a start or a jump, frames within this time, at most this many, only teach the clock's map the least delay. */
 #define CAP_SETTLE_NS     (250 * PVX_NS_PER_MS)
 #define CAP_SETTLE_FRAMES 8
 #define CAP_READINGS      32

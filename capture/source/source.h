@@ -34,7 +34,7 @@ void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
  * cannot even store a frame of another size counts that frame itself.
  * BAD_SIZE also counts frames that the driver calls good but that are too short.
  * The counts from CAP_CLOCK_STUCK on report faults (syncwatch.h, monitor.c).  They count no frame that the counts
- * before them lack.  A window is 0.5 s, or 8 periods. */
+ * before them do not count.  A window is 0.5 s, or 8 periods. */
 #define CAP_COUNTS(M)                                                                              \
     M(CAP_RECEIVED, "received", "frames", "good frames handed over by the driver")                 \
     M(CAP_INCOMPLETE, "incomplete", "frames",                                                      \
@@ -195,7 +195,7 @@ enum cap_clock {
 
 typedef struct cap_source cap_source;
 struct cap_source_ops {
-    const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
+    const char *scheme, *help; /* "sim" without the colon; one line about the text after it */
     bool recorded; /* stamps follow from frame numbers: no clock to map, the first frame is good */
     enum cap_clock clock;
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);

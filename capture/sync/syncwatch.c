@@ -250,7 +250,7 @@ static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
     double nominal = 1e9 / (double)w->p.period_ns;
     char text[96];
     uint64_t n = k->id > k->id0 ? k->id - k->id0 : k->frames;
-    if (n > 16 * (k->frames + 1)) /* numbered anew */
+    if (n > 16 * (k->frames + 1)) /* the numbers were started again */
         n = k->frames;
     double by_number = (double)n * 1e9 / (double)ns;
     k->hz = by_number;

@@ -1,4 +1,4 @@
-/* syncwatch_int.h - what syncwatch.c and syncnumber.c share (private to them). */
+/* syncwatch_int.h - shared by syncwatch.c and syncnumber.c (private to them). */
 #ifndef CAP_SYNCWATCH_INT_H
 #define CAP_SYNCWATCH_INT_H
 #include "capture/sync/syncwatch.h"

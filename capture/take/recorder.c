@@ -531,8 +531,8 @@ static bool recorder_join(cap_recorder *r)
     return true;
 }
 
-/* Before anything is made: of the disk that the take's folder is on, or will be.  A take that could hold nothing
- * would end at once, and it is not checked again once it has begun. */
+/* Check the disk of the take's folder, which may not exist yet, before anything is made.  A take that could hold
+ * nothing would end at once, and it is not checked again once it has begun. */
 static pvx_err may_begin(const cap_recorder *r, const char *path, struct pvx_diag *d)
 {
     char dir[sizeof r->stats.path];
