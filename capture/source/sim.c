@@ -57,8 +57,7 @@ struct sim {
     uint64_t rng;
     struct cap_frame *held[HOLD_MAX];
     int64_t n_held;
-    int64_t
-        trigger_real_ns; /* time of a trigger not yet served, 0 = none; under the player's lock */
+    int64_t trigger_real_ns; /* a trigger not yet served, 0 = none; under the player's lock */
 };
 
 /* ---- options ---------------------------------------------------------------------------------- */
