@@ -16,7 +16,7 @@ config run.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\npixel_format: RGB8\
 config line.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\ntrigger: line\nptp: true\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\nphotometry: {black: 0.02}'
 
 cat > "$dir/faults.py" <<'PY'
-import json, sys, threading, time, zmq
+import json, os, sys, threading, time, zmq
 
 control, log, what = sys.argv[1:4]
 orders = open(sys.argv[4], "w") if what in ("run", "line") else None

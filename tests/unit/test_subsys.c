@@ -403,7 +403,8 @@ static void one(const struct scene *s)
         bed_restrict(&b, 0.5);
         struct entries columns = entries_of_system(b.a);
         T_EQ_I(rec_images_new(b.a->S, cs, &im), PVX_OK);
-        for (int t = 0; t < 300; t++) {
+        T_OK(b.n > 0);
+        for (int t = 0; t < 300 && b.n > 0; t++) {
             int32_t q = (int32_t)(t_rand() % (uint64_t)b.n);
             const rec_f4 e = {(float)t_uniform(-1, 1), 2, -3, 0};
             int64_t wrong = 0;
