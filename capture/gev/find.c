@@ -280,8 +280,8 @@ static ArvDevice *open_address(const struct aravis_route *r)
 
 /* Open by route, or (id not NULL) by Aravis' id.  NULL: another program controls the camera, or (PVX_ECORRUPT) the
  * references in its GenICam file have no end. */
-static ArvCamera *find_open(const struct cap_source_config *c, const struct aravis_route *r,
-                            const char *id, pvx_err *why, struct pvx_diag *d)
+static ArvCamera *gev_find_open(const struct cap_source_config *c, const struct aravis_route *r,
+                                const char *id, pvx_err *why, struct pvx_diag *d)
 {
     aravis_parser_lock();
     ArvDevice *dev = id != NULL ? arv_open_device(id, NULL) : open_address(r);
@@ -325,7 +325,7 @@ static ArvCamera *gev_find_camera(const struct cap_source_config *c, struct arav
             return NULL;
     }
     if (address == 0)
-        cam = find_open(c, NULL, id, why, d);
+        cam = gev_find_open(c, NULL, id, why, d);
     else if (aravis_controlled(address))
         *why = PVX_EBUSY;
     else if (announces_nonsense(address))
@@ -334,7 +334,7 @@ static ArvCamera *gev_find_camera(const struct cap_source_config *c, struct arav
                         "restore its firmware",
                         XML_MAX >> 20);
     else if (find_route(address, route))
-        cam = find_open(c, route, NULL, why, d);
+        cam = gev_find_open(c, route, NULL, why, d);
     if (cam != NULL && address != 0 && id != NULL)
         find_remember(what, address);
     g_free(id);

@@ -171,7 +171,7 @@ static bool quits(struct aravis_source *s)
     return q;
 }
 
-static void watch_look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
+static void gev_watch_look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
 {
     look_at_clock(s, h);
     if (!quits(s))
@@ -211,7 +211,7 @@ static void *gev_watch(void *arg)
         if (there)
             look_at_mode(s);
         if (there && round % ROUND == 0 && !quits(s))
-            watch_look(s, &h, &bad_ptp);
+            gev_watch_look(s, &h, &bad_ptp);
         tell_unread_chunks(s, &told);
         int64_t until = pvx_now_mono() + MODE_NS;
         struct timespec ts = {.tv_sec = until / PVX_NS_PER_S, .tv_nsec = until % PVX_NS_PER_S};

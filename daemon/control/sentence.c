@@ -11,7 +11,7 @@ struct line {
     size_t size, n;
 };
 
-PVX_PRINTF(2, 3) static void add(struct line *l, const char *fmt, ...)
+PVX_PRINTF(2, 3) static void sentence_add(struct line *l, const char *fmt, ...)
 {
     va_list ap;
     va_start(ap, fmt);
@@ -25,32 +25,33 @@ static void add_cameras(struct line *l, const struct dmn_state *s)
     size_t lost = 0;
     for (size_t c = 0; c < s->n_cameras; c++)
         if (s->capture.camera[c].state == CAP_LOST || s->capture.camera[c].state == CAP_OPENING)
-            add(l, "%s%s", lost++ == 0 ? "; not there: " : ", ", s->camera[c]);
+            sentence_add(l, "%s%s", lost++ == 0 ? "; not there: " : ", ", s->camera[c]);
     if (lost > 0)
-        add(l, " (%zu of %zu cameras)", lost, s->n_cameras);
+        sentence_add(l, " (%zu of %zu cameras)", lost, s->n_cameras);
     for (size_t c = 0; c < s->n_cameras; c++)
         if ((s->votes.out >> c & 1) != 0)
-            add(l, "; %s is left out (%s)", s->camera[c],
-                rec_wrong_name((enum rec_wrong)s->votes.why[c]));
+            sentence_add(l, "; %s is left out (%s)", s->camera[c],
+                         rec_wrong_name((enum rec_wrong)s->votes.why[c]));
         else if (s->checks.camera[c].figures.wrong != REC_WRONG_NOTHING)
-            add(l, "; %s is %s", s->camera[c], rec_wrong_name(s->checks.camera[c].figures.wrong));
+            sentence_add(l, "; %s is %s", s->camera[c],
+                         rec_wrong_name(s->checks.camera[c].figures.wrong));
         else if (s->rig[c].moved)
-            add(l, "; %s has moved", s->camera[c]);
+            sentence_add(l, "; %s has moved", s->camera[c]);
 }
 
 void dmn_state_sentence(const struct dmn_state *s, char *out, size_t size)
 {
     struct line l = {out, size, 0};
     out[0] = '\0';
-    add(&l, "%.1f sets/s, %llu published, latency p99 %.0f ms", s->sets_per_s,
-        (unsigned long long)s->published, s->latency_p99_ms);
+    sentence_add(&l, "%.1f sets/s, %llu published, latency p99 %.0f ms", s->sets_per_s,
+                 (unsigned long long)s->published, s->latency_p99_ms);
     if (s->record.state == CAP_REC_RUNNING)
-        add(&l, ", recording");
+        sentence_add(&l, ", recording");
     add_cameras(&l, s);
     if (s->record.state == CAP_REC_FAILED)
-        add(&l, "; recording ended: %.200s", s->record.error);
+        sentence_add(&l, "; recording ended: %.200s", s->record.error);
     if (s->volumes.failed)
-        add(&l, "; volumes are not recorded: %.200s", s->volumes.error);
+        sentence_add(&l, "; volumes are not recorded: %.200s", s->volumes.error);
     for (char *p = out; *p != '\0'; p++)
         if (*p == '\n')
             *p = ' '; /* each line of a notification is one of its own */

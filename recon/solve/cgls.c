@@ -94,7 +94,7 @@ static void adjoint_chunk(void *ctx, size_t k)
     t->pb->cs == 4 ? adjoint(t, k, 4) : adjoint(t, k, 1);
 }
 
-REC_INLINE void direction(struct cgls *t, size_t k, size_t cs)
+REC_INLINE void cgls_along(struct cgls *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 beta = rec_coef(t->beta);
@@ -105,7 +105,7 @@ REC_INLINE void direction(struct cgls *t, size_t k, size_t cs)
 static void cgls_direction_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    t->pb->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
+    t->pb->cs == 4 ? cgls_along(t, k, 4) : cgls_along(t, k, 1);
 }
 
 static void cgls_zero_chunk(void *ctx, size_t k)

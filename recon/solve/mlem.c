@@ -18,7 +18,7 @@ struct mlem {
 };
 
 /* ratio = w max(b,0) / A x, and the residual A x - b. */
-REC_INLINE void rows_pass(struct mlem *t, size_t k, size_t cs)
+REC_INLINE void mlem_rows_pass(struct mlem *t, size_t k, size_t cs)
 {
     rec_f4 zero = {0}, huge = rec_splat(FLT_MAX);
     rec_d4 rr = {0};
@@ -35,10 +35,10 @@ REC_INLINE void rows_pass(struct mlem *t, size_t k, size_t cs)
 static void mlem_rows_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
-    t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
+    t->pb->cs == 4 ? mlem_rows_pass(t, k, 4) : mlem_rows_pass(t, k, 1);
 }
 
-REC_INLINE void columns_pass(struct mlem *t, size_t k, size_t cs)
+REC_INLINE void mlem_columns_pass(struct mlem *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 zero = {0}, huge = rec_splat(FLT_MAX);
@@ -60,7 +60,7 @@ static void mlem_compare(struct mlem *t, double rr[4])
 static void mlem_columns_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
-    t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
+    t->pb->cs == 4 ? mlem_columns_pass(t, k, 4) : mlem_columns_pass(t, k, 1);
 }
 
 void rec_solve_mlem(rec_problem *pb, const struct rec_solve_params *p, float *x,

@@ -25,7 +25,7 @@ struct mrnsd {
 };
 
 /* s; -g's; the largest M g that meets a bound. */
-REC_INLINE void direction(struct mrnsd *t, size_t k, size_t cs)
+REC_INLINE void mrnsd_along(struct mrnsd *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 most = {0}, zero = {0};
@@ -48,7 +48,7 @@ REC_INLINE void direction(struct mrnsd *t, size_t k, size_t cs)
 static void mrnsd_direction_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
-    t->pb->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
+    t->pb->cs == 4 ? mrnsd_along(t, k, 4) : mrnsd_along(t, k, 1);
 }
 
 static void mrnsd_forward_chunk(void *ctx, size_t k)

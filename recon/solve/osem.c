@@ -81,7 +81,7 @@ static void sensitivities(struct osem *t)
 }
 
 /* Chunks of the blocks of subset `now`. */
-REC_INLINE void rows_pass(struct osem *t, size_t k, size_t cs)
+REC_INLINE void osem_rows_pass(struct osem *t, size_t k, size_t cs)
 {
     rec_problem *pb = t->pb;
     struct rec_block_range all = t->blocks[t->now], r;
@@ -98,10 +98,10 @@ REC_INLINE void rows_pass(struct osem *t, size_t k, size_t cs)
 static void osem_rows_chunk(void *ctx, size_t k)
 {
     struct osem *t = ctx;
-    t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
+    t->pb->cs == 4 ? osem_rows_pass(t, k, 4) : osem_rows_pass(t, k, 1);
 }
 
-REC_INLINE void columns_pass(struct osem *t, size_t k, size_t cs)
+REC_INLINE void osem_columns_pass(struct osem *t, size_t k, size_t cs)
 {
     const float *sens = t->sens[t->now];
     int32_t q0, q1;
@@ -119,7 +119,7 @@ REC_INLINE void columns_pass(struct osem *t, size_t k, size_t cs)
 static void osem_columns_chunk(void *ctx, size_t k)
 {
     struct osem *t = ctx;
-    t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
+    t->pb->cs == 4 ? osem_columns_pass(t, k, 4) : osem_columns_pass(t, k, 1);
 }
 
 void rec_solve_osem(rec_problem *pb, const struct rec_solve_params *p, float *x,

@@ -52,7 +52,7 @@ static void scale_chunk(void *ctx, size_t k)
         t->c_inv[i] = t->step[i * cs];
 }
 
-REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
+REC_INLINE void sirt_rows_pass(struct sirt *t, size_t k, size_t cs)
 {
     rec_f4 beta = rec_coef(t->beta), zero = {0};
     rec_d4 rr = {0};
@@ -72,7 +72,7 @@ REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
 static void sirt_rows_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
-    t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
+    t->pb->cs == 4 ? sirt_rows_pass(t, k, 4) : sirt_rows_pass(t, k, 1);
 }
 
 /* W (A y - b) and r'Wr of x. */
@@ -84,7 +84,7 @@ static void sirt_compare(struct sirt *t, double rr[4])
     rec_sum(t->pb, 0, rows, S_RR, rr);
 }
 
-REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
+REC_INLINE void sirt_columns_pass(struct sirt *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 beta = rec_coef(t->beta), zero = {0}, huge = rec_splat(FLT_MAX);
@@ -108,7 +108,7 @@ REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
 static void sirt_columns_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
-    t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
+    t->pb->cs == 4 ? sirt_columns_pass(t, k, 4) : sirt_columns_pass(t, k, 1);
 }
 
 /* beta of the next y, lane by lane; age is s of (2). */
