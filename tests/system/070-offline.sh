@@ -167,6 +167,7 @@ light_in_check() { # what the rig says of a camera's pedestal and hot pixels cou
     run "$pyrovox" calibrate check --rig bare.yaml --frames flame --black 0.02 --quiet; says 1 'cam2 flooded' '2 of 8 cameras are wrong' || return 1
     run "$pyrovox" calibrate dark --rig bare.yaml --frames dark --out lit.yaml; says 0 || return 1
     run "$pyrovox" calibrate check --rig lit.yaml --frames flame --quiet; says 0 'the flame agrees with the rig in all 8 cameras' || return 1
+    [ -n "${T_LONG:-}" ] || return 0
     # refined, it says of light what it said
     sed '/name: cam3/,/name: cam4/ s/t: \[-*0, /t: [0.03, /' lit.yaml > off.yaml
     cmp -s lit.yaml off.yaml && { echo "no camera was moved"; return 1; }

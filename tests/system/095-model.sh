@@ -214,9 +214,11 @@ advises() {
     run "$pyrovox" advise --rig rig.yaml --frames thin --quiet
     says 0 'absorption   off' 'absorption: 0,' 'gain         off' 'bodies       none' 'response     linear' 'rate ' 'detail ' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames noisy --quiet; says 0 'temporal     on' 'temporal: on }' 'rate         fine' || return 1
-    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain cam5 0.8" --write-frames dim; says 0 || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames dim --black 0.02 --quiet
-    says 0 'gain         on' 'cam5 is furthest off' 'pyrovox calibrate gain' 'absorption   off' || return 1
+    if [ -n "${T_LONG:-}" ]; then # sim/test_advise has a gain in its last scene
+        run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain cam5 0.8" --write-frames dim; says 0 || return 1
+        run "$pyrovox" advise --rig rig.yaml --frames dim --black 0.02 --quiet
+        says 0 'gain         on' 'cam5 is furthest off' 'pyrovox calibrate gain' 'absorption   off' || return 1
+    fi
     run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain all 3" --write-frames bright; says 0 || return 1
     run "$pyrovox" advise --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least,' || return 1
     run "$pyrovox" advise --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
