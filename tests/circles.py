@@ -2,13 +2,11 @@
 """Find files of a room that depend on each other in a circle: circles.py BUILD
 
 A file depends on a header that it includes, and on a source file whose functions or data it uses, as its
-object says.  Circles of more than two files fail, except in the rooms of tests/circles.txt,
-which are not clean yet."""
+object says.  A circle of more than two files fails."""
 import collections, os, re, subprocess, sys
 
 build = sys.argv[1]
 rooms = [l.split()[0] for l in open("tests/rooms.txt") if re.match(r"[a-z]", l)]
-pending = set(open("tests/circles.txt").read().split())
 
 
 def symbols(objects):
@@ -68,11 +66,8 @@ for room in rooms:
     for o in objects:
         edges[source[o]] |= {home[s] for s in used[o] if s in home}
     found = [c for c in circles(edges) if len(c) > 2]
-    if found and room not in pending:
+    if found:
         bad = 1
-    for c in found if room not in pending else []:
+    for c in found:
         print(f"{room}: {len(c)} files depend on each other in a circle: {' '.join(map(os.path.basename, c))}")
-    if not found and room in pending:
-        print(f"{room} has no circle any more: take it out of tests/circles.txt")
-        bad = 1
 sys.exit(bad)

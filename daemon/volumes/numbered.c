@@ -15,6 +15,8 @@
 #include "base/mem.h"
 #include "daemon/control/json.h"
 
+const char *const vol_gap_names[VOL_GAPS] = {"lost", "queue", "unreadable", "unsolved"};
+
 #define FILE_MAX ((size_t)1 << 36)
 
 struct shown { /* frames first to last show this set */

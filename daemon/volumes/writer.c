@@ -19,8 +19,6 @@ bool vol_hdf5_name(const char *path)
            (strcmp(end, ".h5") == 0 || strcmp(end, ".hdf5") == 0);
 }
 
-const char *const vol_gap_names[VOL_GAPS] = {"lost", "queue", "unreadable", "unsolved"};
-
 static const struct vol_writer_ops *const writers[VOL_FORMATS] = {
     [VOL_NPY] = &vol_npy_writer,
     [VOL_HDF5] = &vol_hdf5_writer,

@@ -23,14 +23,6 @@ static const struct {
     {"background", "what cameras see without a flame, from pictures or live", calibrate_background},
 };
 
-int calibrate_end(pvx_err e, const struct pvx_diag *d)
-{
-    if (e != PVX_ECANCELED)
-        return e == PVX_OK ? 0 : cli_error(d, e);
-    fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
-    return 130;
-}
-
 static void calibrate_help(FILE *f)
 {
     fputs("Usage: pyrovox calibrate STEP [ARGUMENTS]\n"

@@ -4,27 +4,6 @@
 #include "base/file.h"
 #include "daemon/cli/experiment/experiment.h"
 
-/* Frames without flame do not count in the means. */
-struct experiment_mean experiment_mean_of(const struct experiment *x, const char *prefix)
-{
-    struct experiment_mean m = {.n = 0};
-    size_t len = strlen(prefix);
-    for (size_t i = 0; i < x->state.n; i++) {
-        const struct experiment_unit *u = &x->state.unit[i];
-        if (strncmp(u->key, prefix, len) != 0 || !(u->v[EXPERIMENT_VOXELS] > 0))
-            continue;
-        m.n++;
-        for (int k = 0; k < EXPERIMENT_VALUES; k++) {
-            double from = u->v[k] - m.mean[k]; /* Welford */
-            m.mean[k] += from / (double)m.n;
-            m.spread[k] += from * (u->v[k] - m.mean[k]);
-        }
-    }
-    for (int k = 0; k < EXPERIMENT_VALUES; k++)
-        m.spread[k] = m.n > 1 ? sqrt(m.spread[k] / (double)(m.n - 1)) : 0;
-    return m;
-}
-
 struct csv {
     char *text;
     size_t len;

@@ -15,12 +15,6 @@ size_t experiment_views_max(const struct experiment *x)
     return most < EXPERIMENT_VIEWS_MAX ? most : EXPERIMENT_VIEWS_MAX;
 }
 
-uint64_t experiment_used(const struct experiment *x)
-{
-    return (x->rig.n_cameras == 64 ? UINT64_MAX : ((uint64_t)1 << x->rig.n_cameras) - 1) &
-           ~((uint64_t)1 << x->unused);
-}
-
 /* n over k; at most 64 over 7: 6e8. */
 static uint64_t binomial(size_t n, size_t k)
 {
@@ -56,28 +50,6 @@ uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k)
 }
 
 /* ---- units ---- */
-
-static struct cli_progress silent = {.quiet = true}; /* only stops the work at Ctrl-C */
-
-struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels)
-{
-    return (struct experiment_lab_params){.rig = &x->rig,
-                                          .voxels = voxels,
-                                          .basis = x->rig.grid.basis,
-                                          .matrix = x->matrix,
-                                          .frame = x->params,
-                                          .pool = x->pool,
-                                          .progress = {cli_progress, &silent}};
-}
-
-pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
-                            struct pvx_diag *d)
-{
-    PVX_TRY(experiment_state_add(&x->state, key, v, d));
-    /* a unit that is made again counts only once */
-    cli_progress(&x->bar, (double)x->state.n / (double)x->units);
-    return PVX_OK;
-}
 
 static void add_error(const struct experiment_error *e, double *v)
 {
