@@ -77,8 +77,8 @@ publish: { endpoints: ["$volumes"], sample: f32, wait_subscriber: true }
 control: { endpoint: "$control" }
 Y
     start live.log "$pyrovoxd" -c m.yaml
-    run "$pyrovox" record --endpoint "$volumes" --volumes 3 --out live; local r=$code
-    [ "$r" = 0 ] || { echo "$out"; return 1; }
+    run "$pyrovox" record --endpoint "$volumes" --volumes 3 --out live; says 0 || return 1
+    ended "$started" 0 || return 1 # the next daemon has the same endpoints
     "$py" - <<'P'
 import glob, sys, numpy as np
 live, known = sorted(glob.glob("live/*.npy")), sorted(glob.glob("known/*.npy"))
@@ -114,6 +114,7 @@ control: { endpoint: "$control" }
 Y
     start temporal.log "$pyrovoxd" -c t.yaml
     run "$pyrovox" record --endpoint "$volumes" --volumes 3 --out lt; says 0 || return 1
+    ended "$started" 0 || return 1
     "$py" - <<'P' || return 1
 import glob, numpy as np
 live, off = sorted(glob.glob("lt/*.npy")), sorted(glob.glob("before/*.npy"))
