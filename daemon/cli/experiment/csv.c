@@ -1,6 +1,3 @@
-#include <math.h>
-#include <string.h>
-
 #include "base/file.h"
 #include "daemon/cli/experiment/experiment.h"
 
