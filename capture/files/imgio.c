@@ -17,6 +17,7 @@
 #include "capture/files/opencv_shim.h"
 #include "capture/files/picture.h"
 #include "capture/files/sequence.h"
+#include "capture/files/tiff.h"
 #include "capture/pixel/jpeg.h"
 
 /* ---- the OpenCV module: found and loaded once, never unloaded ----------------------------------- */
@@ -150,19 +151,72 @@ static pvx_err from_picture(const char *bytes, size_t len, const char *path, str
     return (p.kind == CAP_FILE_JPEG ? from_jpeg : from_module)(bytes, len, path, &p, out, d);
 }
 
-pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d)
+static pvx_err imgio_check_type(const char *path, struct pvx_diag *d)
+{
+    return cap_is_image(path)
+               ? PVX_OK
+               : pvx_fail(d, PVX_EUNSUP,
+                          "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
+}
+
+/* Opens a TIFF file that is no pipe; *fd = -1: it is something else. */
+static pvx_err imgio_open_tiff(const char *path, struct cap_bytes *b, struct pvx_diag *d)
+{
+    struct stat st;
+    char head[4];
+    *b = (struct cap_bytes){.fd = -1};
+    if (imgio_has_extension(path, ".npy") || (stat(path, &st) == 0 && S_ISFIFO(st.st_mode)))
+        return PVX_OK;
+    PVX_TRY(pvx_file_open(path, &b->fd, d));
+    if (fstat(b->fd, &st) == 0)
+        b->n = (uint64_t)st.st_size;
+    if (cap_bytes_get(b, 0, head, sizeof head) && cap_tiff_is(head, sizeof head))
+        return PVX_OK;
+    close(b->fd);
+    b->fd = -1;
+    return PVX_OK;
+}
+
+pvx_err cap_image_pages(const char *path, uint32_t *pages, struct pvx_diag *d)
+{
+    struct cap_bytes b;
+    *pages = 1;
+    PVX_TRY(imgio_check_type(path, d));
+    PVX_TRY(imgio_open_tiff(path, &b, d));
+    if (b.fd < 0)
+        return PVX_OK;
+    pvx_err e = cap_tiff_pages(&b, path, 0, pages, NULL, d);
+    close(b.fd);
+    return e;
+}
+
+pvx_err cap_image_load_page(const char *path, uint32_t page, struct cap_loaded *out,
+                            struct pvx_diag *d)
 {
     *out = (struct cap_loaded){0};
     bool npy = imgio_has_extension(path, ".npy");
-    if (!cap_is_image(path))
-        return pvx_fail(d, PVX_EUNSUP,
-                        "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
+    PVX_TRY(imgio_check_type(path, d));
+    if (page > 0)
+        return pvx_fail(d, PVX_ERANGE, "%s: there is no page %u", path, page);
     char *bytes;
     size_t len;
     PVX_TRY(pvx_file_await(path, (size_t)1 << 32, &bytes, &len, d));
     pvx_err e = npy ? from_npy(bytes, len, path, out, d) : from_picture(bytes, len, path, out, d);
     free(bytes);
     return e;
+}
+
+pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d)
+{
+    uint32_t pages;
+    *out = (struct cap_loaded){0};
+    PVX_TRY(cap_image_pages(path, &pages, d));
+    if (pages > 1)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: has %u pages, where one picture is expected: save each page as a file "
+                        "of its own",
+                        path, pages);
+    return cap_image_load_page(path, 0, out, d);
 }
 
 void cap_loaded_free(struct cap_loaded *l)

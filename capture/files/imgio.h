@@ -19,6 +19,12 @@ struct cap_loaded {
  * more pixels for the size of the file than picture.h allows.  Waits for the writer of a named pipe
  * (pvx_file_await).  Errors name the file and the reason. */
 PVX_MUST_CHECK pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d);
+/* How many pictures the file holds: the pages of a TIFF file (tiff.h), else 1.  Does not read a named pipe.
+ * cap_image_load refuses a file of several. */
+PVX_MUST_CHECK pvx_err cap_image_pages(const char *path, uint32_t *pages, struct pvx_diag *d);
+/* Page 0 is the first.  PVX_ERANGE: there is no such page. */
+PVX_MUST_CHECK pvx_err cap_image_load_page(const char *path, uint32_t page, struct cap_loaded *out,
+                                           struct pvx_diag *d);
 void cap_loaded_free(struct cap_loaded *l);
 
 /* .png (8-bit, linear, values clipped to 0..1) or .npy float32. */
