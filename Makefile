@@ -31,7 +31,7 @@ VERSION := $(shell awk '/^[0-9]/ { print $$1; exit }' NEWS)
 PARALLEL = $(MAKE) --no-print-directory -j$$(nproc)
 
 PKGS := aravis-0.8 libxml-2.0 zlib libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5 \
-  cairo libmicrohttpd gnutls
+  cairo libmicrohttpd gnutls libtiff-4 libpng
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
 pkg_cflags = $(eval pkg_cflags := $$(shell pkg-config --cflags $(PKGS)))$(pkg_cflags)
 pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)

@@ -16,6 +16,7 @@
 #include "capture/files/npy.h"
 #include "capture/files/opencv_shim.h"
 #include "capture/files/picture.h"
+#include "capture/files/png.h"
 #include "capture/files/sequence.h"
 #include "capture/files/tiff.h"
 #include "capture/pixel/jpeg.h"
@@ -58,23 +59,6 @@ static bool imgio_has_extension(const char *path, const char *ext)
     return dot != NULL && strcasecmp(dot, ext) == 0;
 }
 
-/* Format of `channels` channels (1 or 3) of the given depth in bits. */
-static enum cap_pixfmt imgio_format_of(int channels, int depth)
-{
-    bool rgb = channels == 3;
-    return depth == 8    ? (rgb ? CAP_RGB8 : CAP_GREY8)
-           : depth == 16 ? (rgb ? CAP_RGB16 : CAP_GREY16)
-                         : (rgb ? CAP_RGB_F32 : CAP_GREY_F32);
-}
-
-static void imgio_describe(struct cap_loaded *l, void *mem, int32_t w, int32_t h,
-                           enum cap_pixfmt fmt)
-{
-    size_t row = cap_pixfmt_row(fmt, w);
-    l->mem = mem;
-    l->img = (struct cap_image){mem, row * (size_t)h, w, h, (ptrdiff_t)row, fmt, 0};
-}
-
 static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
                         struct pvx_diag *d)
 {
@@ -87,68 +71,74 @@ static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct 
         return pvx_fail(d, PVX_ERANGE, "%s: %zu x %zu pixels are too many", path, a.shape[1],
                         a.shape[0]);
     int depth = a.type == CAP_NPY_U1 ? 8 : a.type == CAP_NPY_U2 ? 16 : 32;
-    void *mem = pvx_calloc(a.count, (size_t)depth / 8);
-    if (mem == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
+    out->mem = cap_picture_make((uint32_t)a.shape[1], (uint32_t)a.shape[0], (int)channels, depth,
+                                path, &out->img, d);
+    if (out->mem == NULL)
+        return PVX_ENOMEM;
     if (depth == 32)
-        cap_npy_floats(&a, mem);
+        cap_npy_floats(&a, out->mem);
     else
-        memcpy(mem, a.data, a.count * a.item);
-    imgio_describe(out, mem, (int32_t)a.shape[1], (int32_t)a.shape[0],
-                   imgio_format_of((int)channels, depth));
+        memcpy(out->mem, a.data, a.count * a.item);
     return PVX_OK;
 }
 
-/* Uses the decoder of the cameras' pictures, because OpenCV accepts a cut or damaged picture as whole. */
+/* Uses the decoder of the cameras' pictures, because libjpeg takes a cut or damaged picture as whole. */
 static pvx_err from_jpeg(const char *bytes, size_t len, const char *path,
                          const struct cap_picture *p, struct cap_loaded *out, struct pvx_diag *d)
 {
     const struct cap_image in = {bytes, len, (int32_t)p->width, (int32_t)p->height, 0, CAP_JPEG, 0};
     struct cap_image img;
     struct pvx_diag why = {""};
-    void *mem = NULL;
     cap_jpeg *j;
+    size_t size;
+    const void *exif = cap_jpeg_exif(bytes, len, &size);
+    if (exif != NULL)
+        PVX_TRY(cap_exif_upright(exif, size, path, d));
     pvx_err e = cap_jpeg_new(in.width, in.height, &j);
     if (e == PVX_OK) {
         cap_jpeg_progressive(j);
         e = cap_jpeg_decode(j, &in, &img, &why);
     }
-    if (e == PVX_OK && (mem = malloc(img.size)) == NULL)
-        e = PVX_ENOMEM;
     if (e == PVX_OK) {
-        memcpy(mem, img.data, img.size);
-        imgio_describe(out, mem, img.width, img.height, img.fmt);
+        out->mem = cap_picture_make(p->width, p->height, cap_pixfmt_channels(img.fmt), 8, path,
+                                    &out->img, &why);
+        e = out->mem != NULL ? PVX_OK : PVX_ENOMEM;
+    }
+    if (e == PVX_OK) {
+        memcpy(out->mem, img.data, img.size);
         out->img.yuv = img.yuv;
     }
     cap_jpeg_free(&j);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s: %s", path, pvx_diag_text(&why, e));
 }
 
-static pvx_err from_module(const char *bytes, size_t len, const char *path,
-                           const struct cap_picture *p, struct cap_loaded *out, struct pvx_diag *d)
+static pvx_err from_tiff(const struct cap_bytes *b, const char *path, uint32_t page, bool single,
+                         struct cap_loaded *out, struct pvx_diag *d)
 {
-    PVX_TRY(imgio_need_module(path, d));
-    struct cap_cv_image img;
-    char err[256] = "";
-    int e = module.cv->decode(bytes, len, &img, err, sizeof err);
-    if (e != 0)
-        return module_error(e, path, err, d);
-    imgio_describe(out, img.data, img.width, img.height, imgio_format_of(img.channels, img.depth));
-    uint32_t w = (uint32_t)img.width, h = (uint32_t)img.height;
-    bool turned = p->kind == CAP_FILE_TIFF && w == p->height && h == p->width; /* by its tags */
-    if ((w == p->width && h == p->height) || turned)
-        return PVX_OK;
-    cap_loaded_free(out);
-    return pvx_fail(d, PVX_ECORRUPT, "%s: damaged: says it has %ux%u pixels, but has %dx%d", path,
-                    p->width, p->height, img.width, img.height);
+    uint32_t pages = 1;
+    uint64_t at;
+    PVX_TRY(cap_tiff_pages(b, path, page, single ? &pages : NULL, &at, d));
+    if (pages > 1)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: has %u pages, where one picture is expected: save each page as a file "
+                        "of its own",
+                        path, pages);
+    return cap_tiff_load(b, path, at, &out->img, &out->mem, d);
 }
 
-static pvx_err from_picture(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
-                            struct pvx_diag *d)
+static pvx_err from_picture(const char *bytes, size_t len, const char *path, uint32_t page,
+                            bool single, struct cap_loaded *out, struct pvx_diag *d)
 {
     struct cap_picture p;
+    if (imgio_has_extension(path, ".npy") && page == 0)
+        return from_npy(bytes, len, path, out, d);
+    if (cap_picture_is_tiff(bytes, len)) /* from a pipe */
+        return from_tiff(&(struct cap_bytes){bytes, len, -1}, path, page, single, out, d);
+    if (page > 0)
+        return pvx_fail(d, PVX_ERANGE, "%s: has one picture; there is no page %u", path, page);
     PVX_TRY(cap_picture_head(bytes, len, path, &p, d));
-    return (p.kind == CAP_FILE_JPEG ? from_jpeg : from_module)(bytes, len, path, &p, out, d);
+    return p.kind == CAP_FILE_JPEG ? from_jpeg(bytes, len, path, &p, out, d)
+                                   : cap_png_load(bytes, len, path, &out->img, &out->mem, d);
 }
 
 static pvx_err imgio_check_type(const char *path, struct pvx_diag *d)
@@ -170,7 +160,7 @@ static pvx_err imgio_open_tiff(const char *path, struct cap_bytes *b, struct pvx
     PVX_TRY(pvx_file_open(path, &b->fd, d));
     if (fstat(b->fd, &st) == 0)
         b->n = (uint64_t)st.st_size;
-    if (cap_bytes_get(b, 0, head, sizeof head) && cap_tiff_is(head, sizeof head))
+    if (cap_bytes_get(b, 0, head, sizeof head) && cap_picture_is_tiff(head, sizeof head))
         return PVX_OK;
     close(b->fd);
     b->fd = -1;
@@ -190,33 +180,36 @@ pvx_err cap_image_pages(const char *path, uint32_t *pages, struct pvx_diag *d)
     return e;
 }
 
-pvx_err cap_image_load_page(const char *path, uint32_t page, struct cap_loaded *out,
-                            struct pvx_diag *d)
+static pvx_err imgio_load(const char *path, uint32_t page, bool single, struct cap_loaded *out,
+                          struct pvx_diag *d)
 {
-    *out = (struct cap_loaded){0};
-    bool npy = imgio_has_extension(path, ".npy");
-    PVX_TRY(imgio_check_type(path, d));
-    if (page > 0)
-        return pvx_fail(d, PVX_ERANGE, "%s: there is no page %u", path, page);
+    struct cap_bytes b;
     char *bytes;
     size_t len;
+    pvx_err e;
+    *out = (struct cap_loaded){0};
+    PVX_TRY(imgio_check_type(path, d));
+    PVX_TRY(imgio_open_tiff(path, &b, d));
+    if (b.fd >= 0) {
+        e = from_tiff(&b, path, page, single, out, d);
+        close(b.fd);
+        return e;
+    }
     PVX_TRY(pvx_file_await(path, (size_t)1 << 32, &bytes, &len, d));
-    pvx_err e = npy ? from_npy(bytes, len, path, out, d) : from_picture(bytes, len, path, out, d);
+    e = from_picture(bytes, len, path, page, single, out, d);
     free(bytes);
     return e;
 }
 
+pvx_err cap_image_load_page(const char *path, uint32_t page, struct cap_loaded *out,
+                            struct pvx_diag *d)
+{
+    return imgio_load(path, page, false, out, d);
+}
+
 pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d)
 {
-    uint32_t pages;
-    *out = (struct cap_loaded){0};
-    PVX_TRY(cap_image_pages(path, &pages, d));
-    if (pages > 1)
-        return pvx_fail(d, PVX_EUNSUP,
-                        "%s: has %u pages, where one picture is expected: save each page as a file "
-                        "of its own",
-                        path, pages);
-    return cap_image_load_page(path, 0, out, d);
+    return imgio_load(path, 0, true, out, d);
 }
 
 void cap_loaded_free(struct cap_loaded *l)
@@ -230,31 +223,16 @@ static uint8_t to_byte(float v)
     return v > 0 ? (uint8_t)lrint(255 * (v < 1 ? (double)v : 1)) : 0; /* 0: NaN too */
 }
 
-static pvx_err write_png(const char *path, const struct cap_cv_image *img, struct pvx_diag *d)
-{
-    void *bytes;
-    size_t len;
-    char err[256] = "";
-    int e = module.cv->encode(".png", img, &bytes, &len, err, sizeof err);
-    if (e != 0)
-        return module_error(e, path, err, d);
-    pvx_err r = pvx_file_write(path, bytes, len, d);
-    free(bytes);
-    return r;
-}
-
 static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h, int nch,
                         struct pvx_diag *d)
 {
-    PVX_TRY(imgio_need_module(path, d));
-    size_t n = (size_t)w * (size_t)h * (size_t)nch;
-    uint8_t *px = pvx_calloc(n, 1);
+    struct cap_image img;
+    uint8_t *px = cap_picture_make((uint32_t)w, (uint32_t)h, nch, 8, path, &img, d);
     if (px == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
-    for (size_t i = 0; i < n; i++)
+        return PVX_ENOMEM;
+    for (size_t i = 0; i < img.size; i++)
         px[i] = to_byte(pix[i]);
-    struct cap_cv_image img = {px, n, w, h, nch, 8};
-    pvx_err e = write_png(path, &img, d);
+    pvx_err e = cap_png_save(path, &img, d);
     free(px);
     return e;
 }
@@ -266,10 +244,11 @@ pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_
         return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels of 8 or 16 bits", path);
     if (!imgio_has_extension(path, ".png"))
         return pvx_fail(d, PVX_EUNSUP, "%s: samples are written as .png", path);
-    PVX_TRY(imgio_need_module(path, d));
-    size_t n = (size_t)w * (size_t)h * (size_t)nch * (size_t)(depth / 8);
-    struct cap_cv_image img = {(void *)samples, n, w, h, nch, depth};
-    return write_png(path, &img, d);
+    enum cap_pixfmt fmt =
+        depth == 16 ? (nch == 3 ? CAP_RGB16 : CAP_GREY16) : (nch == 3 ? CAP_RGB8 : CAP_GREY8);
+    size_t row = cap_pixfmt_row(fmt, w);
+    const struct cap_image img = {samples, row * (size_t)h, w, h, (ptrdiff_t)row, fmt, 0};
+    return cap_png_save(path, &img, d);
 }
 
 pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h, int nch,

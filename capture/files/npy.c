@@ -195,7 +195,7 @@ pvx_err cap_npy_header(const void *bytes, size_t len, const char *name, struct c
 
 /* ---- elements ----------------------------------------------------------------------------------- */
 
-static float half_to_float(uint16_t h)
+float cap_npy_half(uint16_t h)
 {
     int exponent = h >> 10 & 31;
     float m = (float)(h & 1023), v;
@@ -226,7 +226,7 @@ void cap_npy_floats(const struct cap_npy *a, float *out)
         case CAP_NPY_U1: out[i] = (float)*(const uint8_t *)p; break;
         default:
             memcpy(&u, p, sizeof u);
-            out[i] = a->type == CAP_NPY_U2 ? (float)u : half_to_float(u);
+            out[i] = a->type == CAP_NPY_U2 ? (float)u : cap_npy_half(u);
         }
     }
 }

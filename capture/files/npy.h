@@ -3,6 +3,7 @@
 #ifndef CAP_NPY_H
 #define CAP_NPY_H
 #include <stddef.h>
+#include <stdint.h>
 #include "base/err.h"
 
 enum cap_npy_type { CAP_NPY_F2, CAP_NPY_F4, CAP_NPY_F8, CAP_NPY_U1, CAP_NPY_U2 };
@@ -20,6 +21,8 @@ struct cap_npy {
  * diag says which property is wrong. */
 PVX_MUST_CHECK pvx_err cap_npy_header(const void *bytes, size_t len, const char *name,
                                       struct cap_npy *out, struct pvx_diag *d);
+/* IEEE 754 binary16. */
+float cap_npy_half(uint16_t h);
 /* All elements as float (integers unscaled) to out [count]. */
 void cap_npy_floats(const struct cap_npy *a, float *out);
 #endif

@@ -1,8 +1,10 @@
 #include "capture/files/picture.h"
 
 #include <stdbool.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/mem.h"
 #include "capture/pixel/jpeg.h"
 
 #define PNG "\x89PNG\r\n\x1a\n"
@@ -29,6 +31,12 @@ static bool begins(const struct bytes *b, const char *with, size_t n)
     return b->n >= n && memcmp(b->p, with, n) == 0;
 }
 
+bool cap_picture_is_tiff(const void *head, size_t n)
+{
+    return n >= 4 && (memcmp(head, "II*\0", 4) == 0 || memcmp(head, "MM\0*", 4) == 0 ||
+                      memcmp(head, "II+\0", 4) == 0 || memcmp(head, "MM\0+", 4) == 0);
+}
+
 void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *height)
 {
     const struct bytes b = {bytes, len, true};
@@ -37,40 +45,12 @@ void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *h
     *height = says ? (uint32_t)picture_number(&b, 20, 4) : 0;
 }
 
-/* Reads the first folder of tags; TIFF 6.0, section 2, and BigTIFF, where counts and offsets have 8 bytes.  A colour
- * picture must state its number of samples.  If it does not, libtiff reads one sample and OpenCV takes three, two of
- * which were never written. */
-static void tiff(struct bytes *b, struct cap_picture *out)
-{
-    b->big_endian = b->p[0] == 'M';
-    bool big = picture_number(b, 2, 2) == 43;
-    uint64_t folder = big ? picture_number(b, 8, 8) : picture_number(b, 4, 4);
-    uint64_t n = picture_number(b, folder, big ? 8 : 2), at = folder + (big ? 8 : 2);
-    uint32_t photometric = 0, samples = 0;
-    for (; n > 0 && at < b->n; n--, at += big ? 20 : 12) {
-        uint64_t tag = picture_number(b, at, 2), type = picture_number(b, at + 2, 2);
-        uint32_t *to = tag == 256   ? &out->width
-                       : tag == 257 ? &out->height
-                       : tag == 262 ? &photometric
-                       : tag == 277 ? &samples
-                                    : NULL;
-        if (to != NULL && *to == 0 && (type == 3 || type == 4)) /* SHORT, LONG */
-            *to = (uint32_t)picture_number(b, at + (big ? 12 : 8), type == 3 ? 2 : 4);
-    }
-    if (photometric > 1 && samples == 0)
-        out->width = 0;
-}
-
 static pvx_err sizes(struct bytes *b, const char *name, struct cap_picture *out, struct pvx_diag *d)
 {
     struct pvx_diag why = {""};
     if (begins(b, PNG, 8)) {
         out->kind = CAP_FILE_PNG;
         cap_picture_png(b->p, b->n, &out->width, &out->height);
-    } else if (begins(b, "II*\0", 4) || begins(b, "MM\0*", 4) || begins(b, "II+\0", 4) ||
-               begins(b, "MM\0+", 4)) {
-        out->kind = CAP_FILE_TIFF;
-        tiff(b, out);
     } else if (begins(b, "\xFF\xD8\xFF", 3)) {
         out->kind = CAP_FILE_JPEG;
         pvx_err e = cap_jpeg_size(b->p, b->n, &out->width, &out->height, &why);
@@ -108,4 +88,20 @@ pvx_err cap_picture_head(const void *bytes, size_t len, const char *name, struct
         return pvx_fail(d, PVX_ECORRUPT,
                         "%s: its head is damaged or cut: no size or no samples in it", name);
     return cap_picture_fits(out->width, out->height, len, name, d);
+}
+
+void *cap_picture_make(uint32_t width, uint32_t height, int channels, int depth, const char *name,
+                       struct cap_image *out, struct pvx_diag *d)
+{
+    bool rgb = channels == 3;
+    enum cap_pixfmt fmt = depth == 8    ? (rgb ? CAP_RGB8 : CAP_GREY8)
+                          : depth == 16 ? (rgb ? CAP_RGB16 : CAP_GREY16)
+                                        : (rgb ? CAP_RGB_F32 : CAP_GREY_F32);
+    size_t row = cap_pixfmt_row(fmt, (int32_t)width);
+    void *mem = pvx_calloc(height, row);
+    if (mem == NULL)
+        (void)pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", name);
+    *out = (struct cap_image){
+        mem, row * height, (int32_t)width, (int32_t)height, (ptrdiff_t)row, fmt, 0};
+    return mem;
 }

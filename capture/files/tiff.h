@@ -1,6 +1,7 @@
 /* tiff.h - pages of a TIFF or BigTIFF file; inside capture.
  *
  * A page is one full picture.  Thumbnails, smaller copies and masks (NewSubfileType 1 and 4, SubfileType 2) are no pages.
+ * cap_tiff_load reads samples by libtiff.  What a tag changes in them is obeyed or refused: README.md has the list.
  * Files in which one folder of tags stands for several pictures are refused: ImageJ's stacks above 4 GB, MetaMorph's.
  * Threads: pure.  Every offset is checked against the size of the file. */
 #ifndef CAP_TIFF_H
@@ -9,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "base/err.h"
+#include "capture/pixel/image.h"
 
 /* The bytes of a file: in memory, or, where p is NULL, behind a descriptor. */
 struct cap_bytes {
@@ -20,14 +22,18 @@ struct cap_bytes {
 /* Copies `size` bytes from `at` on; false: they are not all there. */
 bool cap_bytes_get(const struct cap_bytes *b, uint64_t at, void *to, size_t size);
 
-bool cap_tiff_is(const void *head, size_t n);
-
 /* Refuses a picture that its EXIF data say is to be turned (`bytes`: a TIFF file of tags).  PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err cap_exif_upright(const void *bytes, size_t n, const char *name,
                                         struct pvx_diag *d);
 
-/* Counts the pages.  at != NULL: also where the tags of page `page` lie.  `name`: the file's name in messages.
+/* Counts the pages (NULL: looks no further than needed).  at != NULL: also where the tags of page `page` lie.  `name`: the file's name in messages.
  * Errors: PVX_ECORRUPT, PVX_EUNSUP, PVX_ERANGE (no such page). */
 PVX_MUST_CHECK pvx_err cap_tiff_pages(const struct cap_bytes *b, const char *name, uint32_t page,
                                       uint32_t *pages, uint64_t *at, struct pvx_diag *d);
+
+/* The page whose tags lie at `at`.  Integers of 1, 2, 4 and 8 bits become 8 bits, others up to 16 become 16, and
+ * those of more a float: 2^bits - 1 is full scale.  Floats come as they are.  The caller owns *mem, free(); out->data
+ * is in it. */
+PVX_MUST_CHECK pvx_err cap_tiff_load(const struct cap_bytes *b, const char *name, uint64_t at,
+                                     struct cap_image *out, void **mem, struct pvx_diag *d);
 #endif

@@ -6,6 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "capture/files/picture.h"
+
 struct tiff_chain {
     const struct cap_bytes *b;
     const char *name;
@@ -17,7 +19,7 @@ struct tiff_folder {
     bool page;
     uint64_t planes;       /* of MetaMorph */
     uint64_t text, length; /* ImageDescription */
-    uint64_t orientation, compression, predictor;
+    uint64_t width, height, orientation, compression, predictor;
     const char *strange; /* a tag by which samples mean something else */
 };
 
@@ -36,12 +38,6 @@ bool cap_bytes_get(const struct cap_bytes *b, uint64_t at, void *to, size_t size
         n += (size_t)r;
     }
     return true;
-}
-
-bool cap_tiff_is(const void *head, size_t n)
-{
-    return n >= 4 && (memcmp(head, "II*\0", 4) == 0 || memcmp(head, "MM\0*", 4) == 0 ||
-                      memcmp(head, "II+\0", 4) == 0 || memcmp(head, "MM\0+", 4) == 0);
 }
 
 static uint64_t tiff_number(const struct tiff_chain *t, const unsigned char *p, unsigned size)
@@ -70,12 +66,15 @@ static void tiff_tag(const struct tiff_chain *t, const unsigned char *p, uint64_
                    {33422, "CFAPattern"},
                    {50706, "DNGVersion"}};
     uint64_t type = tiff_number(t, p + 2, 2);
-    unsigned wide = t->big ? 8 : 4, item = type == 1 ? 1 : type == 3 ? 2 : 4;
+    unsigned wide = t->big ? 8 : 4, item = type == 1 ? 1 : type == 3 ? 2 : type == 16 ? 8 : 4;
+    item = item < wide ? item : wide;
     uint64_t tag = tiff_number(t, p, 2), count = tiff_number(t, p + 4, wide);
     uint64_t value = tiff_number(t, p + 4 + wide, item);
     switch (tag) {
     case 254: f->page = f->page && (value & 5) == 0; break; /* NewSubfileType */
     case 255: f->page = f->page && value != 2; break;       /* SubfileType */
+    case 256: f->width = value; break;
+    case 257: f->height = value; break;
     case 259: f->compression = value; break;
     case 274: f->orientation = value; break;
     case 317: f->predictor = value; break;
@@ -150,7 +149,7 @@ pvx_err cap_exif_upright(const void *bytes, size_t n, const char *name, struct p
     const struct cap_bytes b = {.p = bytes, .n = n};
     struct tiff_chain t = {.b = &b, .name = name};
     struct tiff_folder f = {0};
-    if (!cap_tiff_is(bytes, n))
+    if (!cap_picture_is_tiff(bytes, n))
         return PVX_OK;
     t.big_endian = *(const char *)bytes == 'M';
     if (tiff_read_folder(&t, tiff_number_at(&t, 4, 4), &f, NULL) != PVX_OK)
@@ -159,8 +158,15 @@ pvx_err cap_exif_upright(const void *bytes, size_t n, const char *name, struct p
 }
 
 /* What libtiff does not see, or guesses. */
-static pvx_err tiff_check_page(const struct tiff_folder *f, const char *name, struct pvx_diag *d)
+static pvx_err tiff_check_page(const struct tiff_folder *f, uint64_t bytes, const char *name,
+                               struct pvx_diag *d)
 {
+    if (f->width == 0 || f->height == 0)
+        return pvx_fail(d, PVX_ECORRUPT,
+                        "%s: its head is damaged or cut: no size or no samples in it", name);
+    uint32_t w = f->width < UINT32_MAX ? (uint32_t)f->width : UINT32_MAX;
+    uint32_t h = f->height < UINT32_MAX ? (uint32_t)f->height : UINT32_MAX;
+    PVX_TRY(cap_picture_fits(w, h, bytes, name, d));
     if (f->strange != NULL)
         return pvx_fail(
             d, PVX_EUNSUP,
@@ -180,22 +186,24 @@ pvx_err cap_tiff_pages(const struct cap_bytes *b, const char *name, uint32_t pag
     struct tiff_chain t = {.b = b, .name = name};
     struct tiff_folder f, first = {0};
     unsigned char head[4] = {0};
+    uint32_t counted = 0;
     bool found = where == NULL, looked = cap_bytes_get(b, 0, head, 4);
     t.big_endian = looked && head[0] == 'M';
     t.big = tiff_number(&t, head + 2, 2) == 43;
     uint64_t at = t.big ? tiff_number_at(&t, 8, 8) : tiff_number_at(&t, 4, 4);
-    *pages = 0;
     /* A chain that leads back is found by a mark that moves on ever more rarely (Brent). */
     for (uint64_t n = 0, mark = 0, until = 1; at != 0 || n == 0; at = f.next) {
         PVX_TRY(tiff_read_folder(&t, at, &f, d));
         if (n == 0)
             first = f;
-        if (f.page && where != NULL && *pages == page) {
-            PVX_TRY(tiff_check_page(&f, name, d));
+        if (f.page && where != NULL && counted == page) {
+            PVX_TRY(tiff_check_page(&f, b->n, name, d));
             *where = at;
             found = true;
+            if (pages == NULL)
+                return PVX_OK;
         }
-        *pages += f.page;
+        counted += f.page;
         if (at == mark)
             return pvx_fail(d, PVX_ECORRUPT, "%s: damaged: its pages lead back to each other",
                             name);
@@ -204,13 +212,16 @@ pvx_err cap_tiff_pages(const struct cap_bytes *b, const char *name, uint32_t pag
             until *= 2;
         }
     }
-    if (*pages == 0)
+    if (counted == 0)
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: has only previews or masks in its pages (a raw file?): save the "
                         "pictures themselves as TIFF",
                         name);
-    PVX_TRY(tiff_is_one(&t, &first, *pages, d));
+    PVX_TRY(tiff_is_one(&t, &first, counted, d));
     if (!found)
-        return pvx_fail(d, PVX_ERANGE, "%s: has %u pages; there is no page %u", name, *pages, page);
+        return pvx_fail(d, PVX_ERANGE, "%s: has %u pages; there is no page %u", name, counted,
+                        page);
+    if (pages != NULL)
+        *pages = counted;
     return PVX_OK;
 }

@@ -3,6 +3,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <turbojpeg.h>
 
 #include "base/mem.h"
@@ -55,6 +56,8 @@ void cap_jpeg_free(cap_jpeg **jp)
 struct header {
     int kind; /* marker SOFn: n */
     int depth, height, width, components;
+    const uint8_t *exif; /* TIFF tags, or NULL */
+    size_t exif_size;
 };
 
 static int two(const uint8_t *p)
@@ -87,8 +90,16 @@ static pvx_err read_header(const uint8_t *p, size_t n, struct header *h, struct 
             if (length < 8)
                 return pvx_fail(d, PVX_ECORRUPT, "JPEG: frame header of %zu bytes", length);
             p += at + 4;
-            *h = (struct header){marker - 0xC0, p[0], two(p + 1), two(p + 3), p[5]};
+            h->kind = marker - 0xC0;
+            h->depth = p[0];
+            h->height = two(p + 1);
+            h->width = two(p + 3);
+            h->components = p[5];
             return PVX_OK;
+        }
+        if (marker == 0xE1 && length >= 8 && memcmp(p + at + 4, "Exif\0", 6) == 0) {
+            h->exif = p + at + 10;
+            h->exif_size = length - 8;
         }
         at += 2 + length;
     }
@@ -111,10 +122,17 @@ static pvx_err check_header(const cap_jpeg *j, const struct header *h, struct pv
     return PVX_OK;
 }
 
+const void *cap_jpeg_exif(const void *bytes, size_t n, size_t *size)
+{
+    struct header h = {0};
+    *size = read_header(bytes, n, &h, NULL) == PVX_OK ? h.exif_size : 0;
+    return *size > 0 ? h.exif : NULL;
+}
+
 pvx_err cap_jpeg_size(const void *bytes, size_t n, uint32_t *width, uint32_t *height,
                       struct pvx_diag *d)
 {
-    struct header h;
+    struct header h = {0};
     PVX_TRY(read_header(bytes, n, &h, d));
     *width = (uint32_t)h.width;
     *height = (uint32_t)h.height;

@@ -30,6 +30,9 @@ void cap_jpeg_progressive(cap_jpeg *j);
 PVX_MUST_CHECK pvx_err cap_jpeg_size(const void *bytes, size_t n, uint32_t *width, uint32_t *height,
                                      struct pvx_diag *d);
 
+/* The tags of its EXIF data, a TIFF file in themselves; NULL: there are none. */
+const void *cap_jpeg_exif(const void *bytes, size_t n, size_t *size);
+
 /* in: JPEG.  *out: CAP_GREY8 or CAP_RGB8, borrowed until the next call.
  * Errors: PVX_EFORMAT (not a JPEG), PVX_ERANGE (another size), PVX_EUNSUP (progressive, arithmetic,
  * 12-bit, CMYK ...), PVX_ECORRUPT (cut off or damaged); *out untouched. */

@@ -1,0 +1,272 @@
+/* test_tiff.c - what a TIFF file says of its samples is obeyed or refused by name. */
+#include "../t.h"
+
+#include <tiffio.h>
+
+#include "base/file.h"
+#include "capture/files/imgio.h"
+#include "tests/lib/scratch.h"
+
+enum { W = 20, H = 12 };
+
+/* The picture of all files: 16 bits, another one for each channel and page. */
+static unsigned truth(unsigned x, unsigned y, unsigned channel, unsigned page)
+{
+    return (1000 + 2500 * x + 100 * y + 77 * page) >> channel;
+}
+
+struct kind {
+    int photometric, samples, bits, planar, format, compression, tile, extra, orientation, type;
+    int rows, predictor;
+    bool big_endian, big;
+};
+
+static void put_bits(unsigned char *p, size_t at, unsigned bits, uint64_t v)
+{
+    for (unsigned i = 0; i < bits; i++, at++)
+        if (v >> (bits - 1 - i) & 1)
+            p[at / 8] |= (unsigned char)(0x80 >> at % 8);
+}
+
+static uint16_t half_of(float f) /* positive, normal, exact enough */
+{
+    int e;
+    float m = frexpf(f, &e);
+    return f == 0 ? 0 : (uint16_t)((e + 14) << 10 | (int)((2 * m - 1) * 1024));
+}
+
+/* Sample i of a row: the upper bits of v, or v / 65535. */
+static void put_sample(unsigned char *row, size_t i, const struct kind *k, unsigned v)
+{
+    float f4 = (float)v / 65535;
+    double f8 = (double)v / 65535;
+    uint16_t half = half_of(f4);
+    uint64_t most = (1ULL << k->bits % 64) - 1, u = (v * most + 32767) / 65535;
+    u = k->photometric == PHOTOMETRIC_MINISWHITE ? most - u : u;
+    uint16_t u2 = (uint16_t)u;
+    uint32_t u4 = (uint32_t)u;
+    if (k->format == SAMPLEFORMAT_IEEEFP && k->bits == 16)
+        memcpy(row + 2 * i, &half, 2);
+    else if (k->format == SAMPLEFORMAT_IEEEFP)
+        memcpy(row + (size_t)k->bits / 8 * i, k->bits == 32 ? (void *)&f4 : (void *)&f8,
+               (size_t)k->bits / 8);
+    else if (k->bits == 16)
+        memcpy(row + 2 * i, &u2, 2);
+    else if (k->bits == 24 || k->bits == 32)
+        memcpy(row + (size_t)k->bits / 8 * i, &u4, (size_t)k->bits / 8);
+    else
+        put_bits(row, i * (size_t)k->bits, (unsigned)k->bits, u);
+}
+
+/* Samples of `n` pixels from (x, y) on; what lies beside the picture is 0, and alpha all ones. */
+static void put_row(unsigned char *row, size_t size, const struct kind *k, unsigned x, unsigned y,
+                    unsigned n, unsigned plane, unsigned page)
+{
+    unsigned each = k->planar == 2 ? 1 : (unsigned)k->samples;
+    memset(row, 0, size);
+    for (unsigned i = 0; i < n && y < H; i++)
+        for (unsigned c = 0; c < each && x + i < W; c++) {
+            unsigned channel = k->planar == 2 ? plane : c;
+            bool light = channel < (k->photometric == PHOTOMETRIC_RGB ? 3 : 1);
+            put_sample(row, (size_t)i * each + c, k,
+                       light ? truth(x + i, y, channel, page) : 65535);
+        }
+}
+
+static void add_page(TIFF *t, const struct kind *k, unsigned page)
+{
+    static unsigned char part[1 << 16];
+    uint16_t extras[8];
+    for (int i = 0; i < 8; i++)
+        extras[i] = (uint16_t)(k->extra > 0 ? k->extra : 0);
+    TIFFSetField(t, TIFFTAG_IMAGEWIDTH, W);
+    TIFFSetField(t, TIFFTAG_IMAGELENGTH, H);
+    TIFFSetField(t, TIFFTAG_SAMPLESPERPIXEL, k->samples);
+    TIFFSetField(t, TIFFTAG_BITSPERSAMPLE, k->bits);
+    TIFFSetField(t, TIFFTAG_PHOTOMETRIC, k->photometric);
+    TIFFSetField(t, TIFFTAG_PLANARCONFIG, k->planar > 0 ? k->planar : 1);
+    TIFFSetField(t, TIFFTAG_SAMPLEFORMAT, k->format > 0 ? k->format : 1);
+    TIFFSetField(t, TIFFTAG_COMPRESSION, k->compression > 0 ? k->compression : 1);
+    if (k->predictor > 0)
+        TIFFSetField(t, TIFFTAG_PREDICTOR, k->predictor);
+    if (k->orientation > 0)
+        TIFFSetField(t, TIFFTAG_ORIENTATION, k->orientation);
+    if (k->type > 0)
+        TIFFSetField(t, TIFFTAG_SUBFILETYPE, k->type);
+    int more = k->samples - (k->photometric == PHOTOMETRIC_RGB ? 3 : 1);
+    if (more > 0 && k->extra >= 0)
+        TIFFSetField(t, TIFFTAG_EXTRASAMPLES, more, extras);
+    unsigned planes = k->planar == 2 ? (unsigned)k->samples : 1, tile = (unsigned)k->tile;
+    if (tile > 0) {
+        TIFFSetField(t, TIFFTAG_TILEWIDTH, tile);
+        TIFFSetField(t, TIFFTAG_TILELENGTH, tile);
+        size_t row = (size_t)TIFFTileRowSize(t);
+        for (unsigned p = 0; p < planes; p++)
+            for (unsigned y = 0; y < H; y += tile)
+                for (unsigned x = 0; x < W; x += tile) {
+                    for (unsigned i = 0; i < tile; i++)
+                        put_row(part + i * row, row, k, x, y + i, tile, p, page);
+                    T_OK(TIFFWriteTile(t, part, x, y, 0, (uint16_t)p) > 0);
+                }
+    } else {
+        TIFFSetField(t, TIFFTAG_ROWSPERSTRIP, k->rows > 0 ? k->rows : H);
+        for (unsigned p = 0; p < planes; p++)
+            for (unsigned y = 0; y < H; y++) {
+                put_row(part, (size_t)TIFFScanlineSize(t), k, 0, y, W, p, page);
+                T_OK(TIFFWriteScanline(t, part, y, (uint16_t)p) == 1);
+            }
+    }
+    T_OK(TIFFWriteDirectory(t));
+}
+
+static void write_tiff(const char *name, const struct kind *k, size_t pages)
+{
+    char mode[4] = "w";
+    strcat(mode, k->big_endian ? "b" : "l");
+    strcat(mode, k->big ? "8" : "");
+    TIFF *t = TIFFOpen(at("%s", name), mode);
+    T_OK(t != NULL);
+    for (size_t i = 0; i < pages && t != NULL; i++)
+        add_page(t, k + i, (unsigned)i);
+    if (t != NULL)
+        TIFFClose(t);
+}
+
+static double sample_of(const struct cap_image *img, size_t i)
+{
+    switch (cap_pixfmt_depth(img->fmt)) {
+    case 8: return ((const uint8_t *)img->data)[i] / 255.0;
+    case 16: return ((const uint16_t *)img->data)[i] / 65535.0;
+    default: return (double)((const float *)img->data)[i];
+    }
+}
+
+/* How far the picture is from the truth at worst; 1: it has another shape. */
+static double off(const struct cap_image *img, int channels, unsigned page)
+{
+    double worst = 0;
+    if (img->width != W || img->height != H || cap_pixfmt_channels(img->fmt) != channels)
+        return 1;
+    for (unsigned i = 0; i < (unsigned)(W * H * channels); i++) {
+        unsigned c = i % (unsigned)channels, p = i / (unsigned)channels;
+        worst = fmax(worst, fabs(sample_of(img, i) - truth(p % W, p / W, c, page) / 65535.0));
+    }
+    return worst;
+}
+
+/* Thumbnails and masks are none. */
+T_CASE(pages_are_pictures)
+{
+    const struct kind stack[] = {{1, 1, 16, .type = FILETYPE_REDUCEDIMAGE},
+                                 {1, 1, 16, .type = FILETYPE_PAGE},
+                                 {.photometric = 1, .samples = 1, .bits = 16},
+                                 {1, 1, 16, .type = FILETYPE_MASK},
+                                 {.photometric = 1, .samples = 1, .bits = 16}};
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    uint32_t pages;
+    write_tiff("stack.tif", stack, 5);
+    T_EQ_I(cap_image_pages(at("stack.tif"), &pages, &d), PVX_OK);
+    T_EQ_I(pages, 3);
+    T_EQ_I(cap_image_load(at("stack.tif"), &l, &d), PVX_EUNSUP);
+    T_CONTAINS(d.text, "stack.tif: has 3 pages");
+    d.text[0] = '\0';
+    write_tiff("one.tif", stack + 2, 1);
+    T_EQ_I(cap_image_pages(at("one.tif"), &pages, &d), PVX_OK);
+    T_EQ_I(pages, 1);
+    T_EQ_I(cap_image_load(at("one.tif"), &l, &d), PVX_OK);
+    T_NEAR(off(&l.img, 1, 0), 0, 1e-5);
+    cap_loaded_free(&l);
+    write_tiff("previews.tif", stack, 1);
+    T_EQ_I(cap_image_pages(at("previews.tif"), &pages, &d), PVX_EUNSUP);
+    T_CONTAINS(d.text, "previews.tif: has only previews");
+}
+
+#define INTEGER(what, photo, n, b, near)                                  \
+    {                                                                     \
+        what #b, {.photometric = photo, .samples = n, .bits = b}, b, near \
+    }
+#define INTEGERS(what, photo, n)                                                \
+    INTEGER(what, photo, n, 1, 0.5), INTEGER(what, photo, n, 2, 0.17),          \
+        INTEGER(what, photo, n, 3, 0.072), INTEGER(what, photo, n, 4, 0.034),   \
+        INTEGER(what, photo, n, 8, 2e-3), INTEGER(what, photo, n, 10, 5e-4),    \
+        INTEGER(what, photo, n, 12, 1.3e-4), INTEGER(what, photo, n, 14, 4e-5), \
+        INTEGER(what, photo, n, 16, 1e-7), INTEGER(what, photo, n, 24, 1e-7),   \
+        INTEGER(what, photo, n, 32, 1e-7)
+
+/* Every property that is obeyed: the picture is that which was written. */
+T_CASE(what_is_obeyed)
+{
+    enum { WHITE = PHOTOMETRIC_MINISWHITE, BLACK = PHOTOMETRIC_MINISBLACK, RGB = PHOTOMETRIC_RGB };
+    static const struct {
+        const char *name;
+        struct kind k;
+        int depth; /* of a sample in the file */
+        double near;
+    } good[] = {
+        INTEGERS("black", BLACK, 1),
+        INTEGERS("white", WHITE, 1),
+        INTEGERS("rgb", RGB, 3),
+        {"half", {BLACK, 1, 16, .format = 3}, 32, 1e-3},
+        {"float", {BLACK, 1, 32, .format = 3}, 32, 1e-7},
+        {"double", {RGB, 3, 64, .format = 3}, 32, 1e-7},
+        {"apart8", {RGB, 3, 8, .planar = 2, .rows = 5}, 8, 4e-3},
+        {"apart16", {RGB, 3, 16, .planar = 2}, 16, 1e-7},
+        {"apart12", {RGB, 3, 12, .planar = 2, .rows = 5}, 12, 2.6e-4},
+        {"apart_float", {RGB, 3, 32, .planar = 2, .format = 3, .tile = 16}, 32, 1e-7},
+        {"apart_alpha", {RGB, 5, 16, .planar = 2, .extra = 2}, 16, 1e-7},
+        {"alpha_associated", {RGB, 4, 8, .extra = 1}, 8, 4e-3},
+        {"alpha_unassociated", {RGB, 4, 16, .extra = 2, .tile = 32}, 16, 1e-7},
+        {"alpha_float", {RGB, 4, 32, .extra = 2, .format = 3}, 32, 1e-7},
+        {"extra_unspecified", {RGB, 6, 16, .extra = 0}, 16, 1e-7},
+        {"extra_unsaid", {RGB, 4, 8, .extra = -1}, 8, 4e-3},
+        {"grey_alpha", {BLACK, 2, 8, .extra = 1}, 8, 4e-3},
+        {"grey_alpha16", {BLACK, 2, 16, .extra = 2}, 16, 1e-7},
+        {"grey_alpha12", {WHITE, 2, 12, .extra = 2, .planar = 2}, 12, 2.6e-4},
+        {"grey_alpha_float", {BLACK, 2, 32, .extra = 2, .format = 3, .planar = 2}, 32, 1e-7},
+        {"tiles16", {BLACK, 1, 16, .tile = 16}, 16, 1e-7},
+        {"tiles12", {RGB, 3, 12, .tile = 16}, 12, 2.6e-4},
+        {"tiles1", {WHITE, 1, 1, .tile = 16}, 1, 0.5},
+        {"strips1", {BLACK, 1, 12, .rows = 1}, 12, 2.6e-4},
+        {"strips7", {BLACK, 1, 16, .rows = 7, .compression = COMPRESSION_LZW}, 16, 1e-7},
+        {"motorola16", {RGB, 3, 16, .big_endian = true}, 16, 1e-7},
+        {"motorola12", {BLACK, 1, 12, .big_endian = true}, 12, 2.6e-4},
+        {"motorola24", {BLACK, 1, 24, .big_endian = true}, 24, 1e-7},
+        {"motorola_float", {RGB, 3, 32, .format = 3, .big_endian = true}, 32, 1e-7},
+        {"big", {RGB, 3, 16, .big = true}, 16, 1e-7},
+        {"big_motorola", {BLACK, 1, 16, .big = true, .big_endian = true}, 16, 1e-7},
+        {"lzw", {RGB, 3, 16, .compression = COMPRESSION_LZW, .predictor = 2}, 16, 1e-7},
+        {"deflate", {RGB, 3, 8, .compression = COMPRESSION_ADOBE_DEFLATE, .predictor = 2}, 8, 4e-3},
+        {"deflate12", {BLACK, 1, 12, .compression = COMPRESSION_DEFLATE}, 12, 2.6e-4},
+        {"deflate_float",
+         {RGB, 3, 32, .format = 3, .compression = COMPRESSION_ADOBE_DEFLATE, .predictor = 3},
+         32,
+         1e-7},
+        {"packbits", {BLACK, 1, 8, .compression = COMPRESSION_PACKBITS}, 8, 4e-3},
+        {"zstd", {BLACK, 1, 16, .compression = COMPRESSION_ZSTD, .predictor = 2}, 16, 1e-7},
+        {"lzma", {BLACK, 1, 16, .compression = COMPRESSION_LZMA}, 16, 1e-7},
+        {"fax", {WHITE, 1, 1, .compression = COMPRESSION_CCITTFAX4}, 1, 0.5},
+        {"page", {BLACK, 1, 8, .type = FILETYPE_PAGE, .orientation = 1}, 8, 4e-3},
+    };
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
+        const struct kind *k = &good[i].k;
+        struct pvx_diag d = {""};
+        struct cap_loaded l;
+        write_tiff("kind.tif", k, 1);
+        pvx_err e = cap_image_load(at("kind.tif"), &l, &d);
+        double worst = e == PVX_OK ? off(&l.img, k->photometric == RGB ? 3 : 1, 0) : 2;
+        int depth = good[i].depth, as = e == PVX_OK ? cap_pixfmt_depth(l.img.fmt) : 0;
+        int want = depth > 16 ? 32 : depth > 8 || depth == 3 ? 16 : 8;
+        if (worst > good[i].near + 1e-5 || as != want || d.text[0] != '\0')
+            printf("  %s: off by %g, of %d bits: %s\n", good[i].name, worst, as, d.text);
+        T_OK(worst <= good[i].near + 1e-5 && as == want && d.text[0] == '\0');
+        cap_loaded_free(&l);
+    }
+}
+int main(void)
+{
+    scratch_new();
+    t_run();
+    scratch_remove();
+    return t_done();
+}
