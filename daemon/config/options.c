@@ -44,7 +44,8 @@ const struct dmn_option dmn_options[] = {
            "Emission between voxel centres. box: constant in the voxel, which is faster. "
            "trilinear: interpolated. rig: from the rig, trilinear where it gives none."),
     CHOICE("channels", channels, "auto", "auto|1|3",
-           "Colours to reconstruct. auto: 1 for grey pixel formats, else 3."),
+           "Colours to reconstruct. auto: 1 if pixel_format is grey, else 3. With 3, grey cameras "
+           "are left out while others have colour. With 1, the three colours' mean counts."),
     CHOICE("trust", trust, "vote", "vote|all",
            "Cameras to believe. vote: a camera that contradicts the others (dark, flooded, "
            "moved, late, another gain) is left out of the set and named with a remedy. It is "
@@ -157,10 +158,11 @@ const struct dmn_option dmn_options[] = {
     TEXT("matrix_cache", cache,
          "File of the system matrix. Empty: under $PYROVOX_CACHE, $XDG_CACHE_HOME or ~/.cache."),
 
-    REAL("photometry.black", black, "0", 0, 1, "full scale", "Black level, subtracted."),
-    REAL("photometry.threshold", threshold, "-1", -1, 1, "full scale",
+    REAL("photometry.black", black, "0", 0, 1e6, "full scale",
+         "Black level, subtracted. More than 1 for images of floating-point numbers only."),
+    REAL("photometry.threshold", threshold, "-1", -1, 1e6, "full scale",
          "Brightness from which a pixel is flame. Negative: from the noise."),
-    REAL("photometry.floor", floor, "0.004", 0, 1, "full scale",
+    REAL("photometry.floor", floor, "0.004", 0, 1e6, "full scale",
          "Least automatic threshold. For pixels of more than 8 bits: half a percent of a dim "
          "picture's brightest bin."),
     REAL("photometry.auto_k", auto_k, "4", 0, 100, "sigma", "Automatic threshold over the noise."),

@@ -42,6 +42,8 @@ struct dmn_count_def {
 #define DMN_IMAGE_FAULTS(M)                                                                     \
     M(DMN_IMAGE_SIZE, "image_size", "frames", "not of the size that the rig says")              \
     M(DMN_IMAGE_FORMAT, "image_format", "frames", "in a pixel format that cannot be converted") \
+    M(DMN_IMAGE_KIND, "image_kind", "frames", "grey beside pictures with colour")               \
+    M(DMN_IMAGE_NO_NUMBER, "image_no_number", "frames", "without a finite pixel")               \
     M(DMN_IMAGE_JPEG_DAMAGED, "jpeg_damaged", "frames", "JPEG cut off or damaged")              \
     M(DMN_IMAGE_JPEG_SIZE, "jpeg_size", "frames", "JPEG of another size than its frame")        \
     M(DMN_IMAGE_JPEG_KIND, "jpeg_kind", "frames", "JPEG of a kind that cameras do not send")

@@ -7,6 +7,7 @@
 #include "base/log.h"
 #include "daemon/pipeline/stage.h"
 
+#define BAD_NS             (10 * PVX_NS_PER_S)
 #define UNKNOWN_SETS       200 /* a camera that gives its temperature has done so within these */
 #define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
 
@@ -73,7 +74,20 @@ static bool cameras_in_is_ours(struct dmn_cameras_in *in, size_t c)
     return !other;
 }
 
-/* Bin the set's images into the slot.  An image that cannot be used is logged, at most once a second. */
+/* Log an image that cannot be used: the first of a camera, then one in BAD_NS. */
+static void cameras_in_say(struct dmn_cameras_in *in, size_t c, bool bad)
+{
+    int64_t *said = &in->said[c].bad_ns, now = pvx_now_mono();
+    if (bad && (*said == 0 || now - *said > BAD_NS)) {
+        *said = now;
+        LOG_ABOUT(PVX_LOG_WARN, DAEMON,
+                  ABOUT(.cause = "bad_image", .camera = in->rig->cameras[c].name),
+                  "camera %s: image cannot be used: %s", in->rig->cameras[c].name,
+                  dmn_images_why(in->images, c));
+    }
+}
+
+/* Bin the set's images into the slot. */
 static void cameras_in_load(struct dmn_cameras_in *in, const struct cap_set *set,
                             struct dmn_slot *s)
 {
@@ -84,11 +98,7 @@ static void cameras_in_load(struct dmn_cameras_in *in, const struct cap_set *set
     s->n_present = dmn_images_bin_frame(in->images, image, s->frame, &s->mask);
     s->bin_ns = pvx_now_mono() - t0;
     for (size_t c = 0; c < in->rig->n_cameras; c++)
-        if (image[c] != NULL && !(s->mask >> c & 1))
-            LOG_EVERY_ABOUT(PVX_LOG_WARN, DAEMON,
-                            ABOUT(.cause = "bad_image", .camera = in->rig->cameras[c].name),
-                            "camera %s: image cannot be used: %s", in->rig->cameras[c].name,
-                            dmn_images_why(in->images, c));
+        cameras_in_say(in, c, image[c] != NULL && !(s->mask >> c & 1));
 }
 
 static pvx_err cameras_in_next(void *ctx, struct dmn_slot *s)

@@ -15,6 +15,7 @@
 /* Which messages about a camera have been logged. */
 struct dmn_camera_said {
     bool other, far;
+    int64_t bad_ns;   /* when it was logged that an image cannot be used; 0: never */
     unsigned unknown; /* sets without a temperature */
 };
 

@@ -1,5 +1,6 @@
 #include "daemon/pipeline/images.h"
 
+#include <math.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +17,8 @@ struct dmn_images {
     cap_jpeg *decoder[REC_MAX_CAMERAS]; /* NULL: no JPEG will come */
     struct cap_maps *maps[REC_MAX_CAMERAS];
     enum cap_pixfmt maps_for[REC_MAX_CAMERAS]; /* NONE: not made, nor tried */
+    bool coloured[REC_MAX_CAMERAS];            /* the camera's last picture was */
+    _Atomic float black;                       /* that is subtracted later */
     struct pvx_diag maps_why[REC_MAX_CAMERAS];
     /* one set: */
     struct cap_image image[REC_MAX_CAMERAS]; /* data NULL = missing or bad */
@@ -62,6 +65,11 @@ void dmn_images_free(dmn_images **ip)
     PVX_FREE(*ip);
 }
 
+void dmn_images_black(dmn_images *i, float black)
+{
+    atomic_store(&i->black, black);
+}
+
 /* ---- one set ---- */
 
 static enum dmn_image_fault fault_of(pvx_err e)
@@ -82,6 +90,48 @@ static void decode_piece(void *ctx, size_t c)
                                       : cap_jpeg_decode(i->decoder[c], &coded, img, &i->why[c]);
     if (e != PVX_OK) {
         i->fault[c] = (int)fault_of(e);
+        img->data = NULL;
+    }
+}
+
+/* Refuse the pictures of another kind (`alike`). */
+static void check_kinds(dmn_images *i)
+{
+    bool colour = false;
+    for (size_t c = 0; c < i->rig->n_cameras; c++) {
+        if (i->image[c].data != NULL)
+            i->coloured[c] = cap_pixfmt_channels(i->image[c].fmt) == 3;
+        colour |= i->coloured[c];
+    }
+    for (size_t c = 0; c < i->rig->n_cameras && i->p.alike; c++) {
+        struct cap_image *img = &i->image[c];
+        if (img->data == NULL || i->coloured[c] == (i->p.nch == 3) || !colour)
+            continue;
+        i->fault[c] = DMN_IMAGE_KIND;
+        snprintf(i->why[c].text, sizeof i->why[c].text,
+                 i->coloured[c] ? "is a %s image, with colour, but the first images were grey: "
+                                  "solve one channel (--grey), or leave the camera out"
+                                : "is a %s image, grey, but other cameras have colour: solve one "
+                                  "channel (--grey, in pyrovoxd.yaml channels: 1), set the camera "
+                                  "to colour, or leave it out",
+                 cap_pixfmt_name(img->fmt));
+        img->data = NULL;
+    }
+}
+
+/* Refuse integers where a black level above their full scale would be subtracted. */
+static void check_black(dmn_images *i)
+{
+    float black = atomic_load(&i->black);
+    for (size_t c = 0; c < i->rig->n_cameras && black > 1; c++) {
+        struct cap_image *img = &i->image[c];
+        if (img->data == NULL || dmn_images_floats(i, c))
+            continue;
+        i->fault[c] = DMN_IMAGE_FORMAT;
+        snprintf(i->why[c].text, sizeof i->why[c].text,
+                 "is a %s image, whose black level is a share of full scale, 0 to 1: "
+                 "photometry.black is %g",
+                 cap_pixfmt_name(img->fmt), (double)black);
         img->data = NULL;
     }
 }
@@ -152,6 +202,23 @@ static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
     return i->image[c].data != NULL && img->fmt == CAP_JPEG;
 }
 
+/* Whether a bin has a number in all its channels (Bayer pixels as they are: in one). */
+static bool has_number(const dmn_images *i, size_t c)
+{
+    const struct rec_camera *k = &i->rig->cameras[c];
+    size_t cs = i->p.nch == 3 ? 4 : 1, numbers = 0;
+    size_t n = (size_t)(k->width / i->p.binning) * (size_t)(k->height / i->p.binning);
+    bool one =
+        i->p.mosaic == CAP_MOSAIC_RAYS && i->p.binning == 1 && dmn_images_bayer(i, c) != NULL;
+    size_t needed = one ? 1 : (size_t)i->p.nch;
+    for (size_t b = 0; b < n && numbers < needed; b++) {
+        numbers = 0;
+        for (size_t l = 0; l < (size_t)i->p.nch; l++)
+            numbers += fabsf(i->out[c][b * cs + l]) <= REC_PHOTO_LIMIT;
+    }
+    return numbers >= needed;
+}
+
 /* Whether camera c's pixels are there.  If not, an image that came is counted by its fault. */
 static bool account(dmn_images *i, bool came, size_t c)
 {
@@ -160,6 +227,13 @@ static bool account(dmn_images *i, bool came, size_t c)
         i->fault[c] = DMN_IMAGE_FORMAT;
         snprintf(i->why[c].text, sizeof i->why[c].text, "%s image: %s",
                  cap_pixfmt_name(i->image[c].fmt), pvx_strerror(e));
+    }
+    if (came && i->fault[c] == DMN_N_IMAGE && !has_number(i, c)) {
+        i->fault[c] = DMN_IMAGE_NO_NUMBER;
+        snprintf(i->why[c].text, sizeof i->why[c].text,
+                 "camera %s: no pixel is a finite number below %g: was a dark or a flat applied "
+                 "that does not fit?",
+                 i->rig->cameras[c].name, (double)REC_PHOTO_LIMIT);
     }
     if (came && i->fault[c] != DMN_N_IMAGE)
         atomic_fetch_add(&i->count[c][i->fault[c]], 1);
@@ -177,6 +251,8 @@ uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, flo
     i->out = out;
     if (jpeg)
         pvx_pool_run(i->pool, n, decode_piece, i);
+    check_kinds(i);
+    check_black(i);
     for (size_t c = 0; c < n && i->p.light != NULL; c++)
         find_maps(i, c);
     pvx_pool_run(i->pool, n * BANDS, bin_piece, i);

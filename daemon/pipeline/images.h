@@ -1,5 +1,7 @@
 /* images.h - the raw images of one set become binned pixels.
  *
+ * A grey picture has no colour, so beside pictures with colour it is not used (`alike`).  A picture without a finite
+ * bin is not used either.
  * JPEG images are decoded first, one task per camera, then every image is converted in bands.  An image that
  * cannot be used is counted by cause; its camera is missing from this set.
  * Owner: caller; rig and pool are borrowed.  Threads: one set at a time; counts from any thread.
@@ -20,6 +22,9 @@ struct dmn_images_params {
     enum cap_transfer transfer;
     enum cap_mosaic mosaic;      /* of Bayer images at binning 1 */
     const dmn_photometry *light; /* borrowed; NULL = none: pictures as they are */
+    /* Pictures of one kind only.  3 channels: no grey one while another camera's last picture has colour.  1 channel:
+     * none with colour.  false: grey becomes three equal channels, colour the mean of three. */
+    bool alike;
 };
 
 /* Errors: PVX_ENOMEM, PVX_EINVAL (camera too large for a JPEG). */
@@ -27,6 +32,8 @@ PVX_MUST_CHECK pvx_err dmn_images_new(const struct dmn_images_params *p, const s
                                       pvx_pool *pool, dmn_images **out, struct pvx_diag *d);
 void dmn_images_free(dmn_images **i);
 
+/* The black level that is subtracted later, from any thread.  Above 1 it is for floats: others are not used. */
+void dmn_images_black(dmn_images *i, float black);
 /* Bins image[cameras] (NULL = missing) into out[cameras] [bins down][bins across][1 or 4].  Returns the number of
  * usable images, with their bits in *mask. */
 uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,

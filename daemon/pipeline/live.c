@@ -155,9 +155,11 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
                                    .binning = l->S->binning,
                                    .fmt = dmn_config_pixfmt(c),
                                    .transfer = (enum cap_transfer)c->transfer,
-                                   .light = l->light};
+                                   .light = l->light,
+                                   .alike = dmn_config_channels(c) == 3};
     PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
+    dmn_images_black(l->images, (float)c->black);
     PVX_TRY(dmn_background_new(l->S, &l->rig, ip.nch, &l->background, d));
     PVX_TRY(dmn_instant_new(&l->rig.grid, ip.nch, &l->stopping, &l->instant));
     l->out.instant = l->instant;
@@ -384,6 +386,7 @@ void dmn_live_tune(dmn_live *l, const struct dmn_config *c)
 {
     const struct dmn_tuning t = tuning(l, c);
     dmn_pipeline_tune(l->pipeline, &t);
+    dmn_images_black(l->images, (float)c->black);
     atomic_store(&l->in.stale_ns, stale_after(c, &t));
     dmn_publish_compress(&l->out, c);
 }

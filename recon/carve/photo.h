@@ -12,7 +12,7 @@
  * sigma, 7x7 bins are judged as well, at 1.25 auto_k sigma / 7: otherwise noise of 5 % of the peak and more would
  * carve the flame's outskirts away.  A uniform offset is NOT estimated, because it looks like an evenly lit image;
  * black and background are for that.
- * b beyond 1e9 full scales counts as not finite.
+ * b beyond REC_PHOTO_LIMIT counts as not finite.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
  * threshold is automatic; margin then grows the silhouette.
  * A mosaic (Bayer pixels as they are) has one channel per bin, that of its filter; the others are NaN in the
@@ -42,6 +42,7 @@ extern "C" {
 
 #define REC_PHOTO_FULL        0.998f /* from here on a pixel is at full scale */
 #define REC_PHOTO_UNSATURATED 1e30f
+#define REC_PHOTO_LIMIT       1e9f /* more is not a measurement, and squares stay finite in float */
 #define REC_PHOTO_DIMMEST     0.0005f /* of full scale: black levels are not known more precisely */
 
 struct rec_photo_params {

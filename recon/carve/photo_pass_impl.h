@@ -12,7 +12,7 @@
 #define GROUP 32  /* floats that are tested together */
 #define CHUNK 256 /* floats whose column sums are kept */
 #define BLOCK REC_PHOTO_BLOCK
-#define LIMIT 1e9f /* full scales; more is not a measurement, and squares stay finite in float */
+#define LIMIT REC_PHOTO_LIMIT
 
 typedef float vf __attribute__((vector_size(4 * VEC), aligned(4), may_alias));
 typedef int32_t vi __attribute__((vector_size(4 * VEC), aligned(4), may_alias));

@@ -636,6 +636,90 @@ T_CASE(grey_and_background)
     T_LE(volume_error("dark/000000.npy", 0, REC_BOX), 0.25);
 }
 
+/* The first pictures of `take`, times `times` plus `more`, into DIR/name, those of the cameras in `grey` without colour. */
+static void retake(const char *name, unsigned grey, float times, float more)
+{
+    static float img[W * H * 3], one[W * H];
+    struct pvx_diag d = {""};
+    for (int c = 0; c < CAMERAS - 1; c++) {
+        struct cap_loaded l;
+        T_EQ_I(cap_image_load(at("take/cam%d/000000.npy", c), &l, &d), PVX_OK);
+        memcpy(img, l.img.data, sizeof img);
+        cap_loaded_free(&l);
+        for (int i = 0; i < W * H * 3; i++)
+            img[i] = img[i] * times + more;
+        for (int i = 0; i < W * H; i++)
+            one[i] = (img[3 * i] + img[3 * i + 1] + img[3 * i + 2]) / 3;
+        bool is = grey >> c & 1;
+        T_EQ_I(pvx_mkdirs(at("%s/cam%d", name, c), &d), PVX_OK);
+        T_EQ_I(cap_image_save(at("%s/cam%d/000000.npy", name, c), is ? one : img, W, H, is ? 1 : 3,
+                              &d),
+               PVX_OK);
+    }
+    T_EQ_S(d.text, "");
+}
+
+T_CASE(grey_beside_colour)
+{
+    retake("mixed", 0x12, 1, 0);
+    retake("first", 0x01, 1, 0);
+    retake("mono", 0xff, 1, 0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames mono " EIGHT " --out mono-v --quiet"), 0);
+    float *v, *w;
+    size_t shape[4];
+    int ndim;
+    T_EQ_I(cap_npy_load(at("mono-v/000000.npy"), &v, shape, &ndim, NULL), PVX_OK);
+    T_EQ_I(shape[3], 1);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames mixed " EIGHT " --out m --grey --quiet"),
+           0);
+    T_EQ_I(cap_npy_load(at("m/000000.npy"), &w, shape, &ndim, NULL), PVX_OK);
+    T_LE(rec_rel_l2(w, v, (size_t)N * N * N), 1e-3);
+    free(v);
+    free(w);
+    T_EQ_I(pvx_mkdirs(at("half"), NULL), PVX_OK); /* colour backgrounds, but one */
+    T_EQ_I(pvx_mkdirs(at("nan"), NULL), PVX_OK);
+    static float no[W * H * 3], zero[W * H * 3];
+    for (int i = 0; i < W * H * 3; i++)
+        no[i] = NAN;
+    for (int c = 0; c < CAMERAS - 1; c++) {
+        T_EQ_I(cap_image_save(at("half/cam%d.npy", c), zero, W, H, c == 3 ? 1 : 3, NULL), PVX_OK);
+        T_EQ_I(cap_image_save(at("nan/cam%d.npy", c), c == 3 ? no : zero, W, H, 3, NULL), PVX_OK);
+    }
+    static const struct cli_case cases[] = {
+        {"mixed " EIGHT, "pictures of cam1, cam4 are grey, those of cam0, cam2", 1},
+        {"first " EIGHT, "pictures of cam0 are grey", 1},
+        {"mixed --cameras cam0,cam2,cam3,cam5", "1 volume in x", 0},
+        {"take " EIGHT " --last 0 --background half", "half/cam3.npy: this background is grey", 1},
+        {"mono " EIGHT " --background half", "half/cam0.npy: this background has colour", 1},
+        {"take " EIGHT " --last 0 --background nan", "camera cam3: no pixel is a finite number", 1},
+    };
+    CLI_CASES("reconstruct --rig rig.yaml --out x --frames", cases);
+}
+
+/* Floats of any scale have a pedestal in their own unit; a picture of NaN is named and does no harm. */
+T_CASE(floats_of_any_scale)
+{
+    static float no[W * H * 3];
+    for (int i = 0; i < W * H * 3; i++)
+        no[i] = NAN;
+    retake("counts", 0, 1000, 5.1F);
+    T_EQ_I(cap_image_save(at("counts/cam2/000000.npy"), no, W, H, 3, NULL), PVX_OK);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames counts " EIGHT
+                   " --out counts-v --black 5.1 --quiet"),
+           1);
+    T_CONTAINS(slurp("err"), "cam2/000000.npy: camera cam2: no pixel is a finite number");
+    T_OK(strstr(text, "count as flame") == NULL);
+    float *v;
+    size_t shape[4];
+    int ndim;
+    T_EQ_I(cap_npy_load(at("counts-v/000000.npy"), &v, shape, &ndim, NULL), PVX_OK);
+    for (size_t i = 0; i < (size_t)N * N * N * 3; i++)
+        v[i] /= 1000;
+    T_EQ_I(cap_npy_save(at("counts-v/000000.npy"), v, shape, ndim, NULL), PVX_OK);
+    free(v);
+    T_LE(volume_error("counts-v/000000.npy", 0, REC_BOX), 0.25);
+}
+
 int main(void)
 {
     cli_begin();

@@ -151,4 +151,91 @@ T_CASE(floats_have_no_full_scale)
     dmn_images_free(&im);
 }
 
+/* A grey picture says nothing of colours.  While another camera has colour it is left out and named; alone it is
+ * used, and with one channel both are. */
+T_CASE(grey_beside_colour)
+{
+    static uint8_t grey[W * H], rgb[W * H * 3];
+    const struct cap_image *set[N] = {0};
+    uint64_t mask, count[REC_MAX_CAMERAS][DMN_N_IMAGE];
+    for (int nch = 1; nch <= 3; nch += 2)
+        for (int alike = 0; alike < 2; alike++) {
+            dmn_images *im = NULL;
+            struct dmn_images_params p = {.nch = nch, .binning = BIN, .alike = alike};
+            static float room[N][W / BIN * (H / BIN) * 4];
+            float *out[N];
+            for (int c = 0; c < N; c++)
+                out[c] = room[c];
+            T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+            memset(set, 0, sizeof set);
+            put(set, 0, grey, sizeof grey, CAP_GREY8);
+            T_EQ_I(dmn_images_bin(im, set, out, &mask), 1);
+            put(set, 1, rgb, sizeof rgb, CAP_RGB8);
+            put(set, 2, grey, sizeof grey, CAP_BAYER_RG8); /* colour too */
+            uint64_t want = !alike ? 7 : nch == 3 ? 6 : 1;
+            T_EQ_I(dmn_images_bin(im, set, out, &mask), __builtin_popcountll(want));
+            T_EQ_I(mask, want);
+            if (want == 6)
+                T_CONTAINS(dmn_images_why(im, 0),
+                           "Mono8 image, grey, but other cameras have colour");
+            dmn_images_counts(im, count);
+            T_EQ_I(count[0][DMN_IMAGE_KIND], want == 6);
+            set[1] = set[2] = NULL; /* they are late: still cameras with colour */
+            T_EQ_I(dmn_images_bin(im, set, out, &mask), want != 6);
+            put(set, 1, grey, sizeof grey, CAP_GREY8); /* reopened, with another format */
+            put(set, 2, grey, sizeof grey, CAP_GREY8);
+            T_EQ_I(dmn_images_bin(im, set, out, &mask), 3);
+            dmn_images_free(&im);
+        }
+}
+
+/* A picture without a finite bin is left out and named; with one it is used. */
+T_CASE(pictures_without_a_number)
+{
+    dmn_images *im = NULL;
+    struct dmn_images_params p = {.nch = 3, .binning = BIN};
+    const struct cap_image *set[N] = {0};
+    static float px[3][W * H * 3];
+    uint64_t mask, count[REC_MAX_CAMERAS][DMN_N_IMAGE];
+    for (size_t i = 0; i < W * H * 3; i++) {
+        px[0][i] = NAN;
+        px[1][i] = i % 3 == 2 ? INFINITY : 1; /* blue only */
+        px[2][i] = 1e12F;
+    }
+    T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+    for (size_t c = 0; c < 3; c++)
+        put(set, c, px[c], sizeof px[c], CAP_RGB_F32);
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 0);
+    for (size_t c = 0; c < 3; c++) {
+        T_CONTAINS(dmn_images_why(im, c), "no pixel is a finite number");
+        for (size_t k = 0; k < 3; k++)
+            px[c][(20 * W + 31) * 3 + k] = -2;
+    }
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 2); /* 1e12 spoils the bin's mean */
+    dmn_images_counts(im, count);
+    T_EQ_I(count[0][DMN_IMAGE_NO_NUMBER] * 10 + count[2][DMN_IMAGE_NO_NUMBER], 12);
+    dmn_images_free(&im);
+}
+
+/* A black level above 1 is in the unit of floats. */
+T_CASE(a_black_level_of_floats)
+{
+    dmn_images *im = NULL;
+    struct dmn_images_params p = {.nch = 3, .binning = BIN};
+    const struct cap_image *set[N] = {0};
+    static float bright[W * H * 3];
+    static uint8_t full[W * H * 3];
+    uint64_t mask;
+    T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+    put(set, 0, bright, sizeof bright, CAP_RGB_F32);
+    put(set, 1, full, sizeof full, CAP_RGB8);
+    dmn_images_black(im, 5.1F);
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1);
+    T_EQ_I(mask, 1);
+    T_CONTAINS(dmn_images_why(im, 1), "RGB8 image, whose black level is a share");
+    dmn_images_black(im, 1);
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 2);
+    dmn_images_free(&im);
+}
+
 T_MAIN(set_up(), tear_down())

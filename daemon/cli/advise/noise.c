@@ -4,7 +4,7 @@
 pvx_err advise_noise(const struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     struct flame_sets_args some = *s->a;
-    struct flame_sets in = {.a = &some, .light = s->light, .colour = true};
+    struct flame_sets in = {.a = &some, .light = s->light, .kinds = FRAMES_IN_EACH};
     rec_unseen *u = NULL;
     some.sets = REC_CHECK_SETS;
     pvx_err e = rec_rig_copy(&s->rig, &in.rig);

@@ -113,7 +113,7 @@ static pvx_err gain_flame_load(const struct calibrate_light *l, const struct cal
                                       .reading = l->a->reading,
                                       .quiet = q->quiet};
         a->sets = a->sets > 0 ? a->sets : 1;
-        *s = (struct flame_sets){.a = a, .light = l->light, .colour = true};
+        *s = (struct flame_sets){.a = a, .light = l->light, .kinds = FRAMES_IN_SAME};
         pvx_err e = rec_rig_copy(&l->as, &s->rig);
         if (e == PVX_OK)
             e = flame_sets_read(s, d);

@@ -287,7 +287,7 @@ static pvx_err read_group(struct calibrate_light *l, size_t g, struct pvx_diag *
     const struct calibrate_light_args *a = l->a;
     struct frames_in f = {.rig = &l->as, .pool = l->pool, .how = a->reading, .light = l->light};
     float *out[REC_MAX_CAMERAS] = {0};
-    pvx_err e = frames_in_open(&f, a->frames[g], 0, FRAMES_IN_LAST, false, d);
+    pvx_err e = frames_in_open(&f, a->frames[g], 0, FRAMES_IN_LAST, FRAMES_IN_EACH, d);
     if (e == PVX_OK)
         e = frames_in_begin(&f, 1, CAP_MOSAIC_RAYS, d);
     for (size_t c = 0; c < l->rig.n_cameras && e == PVX_OK; c++) {

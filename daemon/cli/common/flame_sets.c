@@ -19,7 +19,8 @@ static const struct cli_row rows[] = {
      "use N frame sets (default 60); of a longer recording runs of 10, spread over it"},
     {"background", "DIR", AT(background), 0, 0,
      "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame"},
-    {"black", "X", AT(black), 0, 1, "black level, share of full scale (default 0)"},
+    {"black", "X", AT(black), 0, 1e6,
+     "black level, share of full scale (default 0), of floats in their own unit"},
     {"binning", "N", AT(binning), 1, 64,
      "raw pixels per bin side (default: such that a picture is at least 160 bins wide)"},
     {"threads", "N", AT(threads), 0, 256, "number of threads (0: one per CPU)"},
@@ -119,7 +120,7 @@ static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in
 {
     float *background[REC_MAX_CAMERAS] = {0};
     const struct flame_sets_args *a = s->a;
-    PVX_TRY(frames_in_open(in, a->frames, (uint32_t)a->first, (uint32_t)a->last, !s->colour, d));
+    PVX_TRY(frames_in_open(in, a->frames, (uint32_t)a->first, (uint32_t)a->last, s->kinds, d));
     s->there = in->n;
     s->nch = in->nch;
     s->floats = s->light != NULL;
@@ -175,8 +176,11 @@ pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d)
 {
     PVX_TRY(right_binning(s, d));
     PVX_TRY(pvx_pool_new((unsigned)s->a->threads, "check", &s->pool));
-    struct frames_in in = {
-        .rig = &s->rig, .pool = s->pool, .how = s->a->reading, .light = s->light};
+    struct frames_in in = {.rig = &s->rig,
+                           .pool = s->pool,
+                           .how = s->a->reading,
+                           .light = s->light,
+                           .black = s->a->black};
     pvx_err e = common_flame_sets_load(s, &in, d);
     frames_in_close(&in);
     return e;

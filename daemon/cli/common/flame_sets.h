@@ -37,7 +37,7 @@ struct flame_sets {
     struct rec_rig rig;
     const dmn_photometry *light; /* of the rig, borrowed; NULL: pictures as they are */
     dmn_photometry *own;         /* the same, where flame_sets_load read it */
-    bool colour;                 /* in: the pictures' own channels, not their mean */
+    enum frames_in_kinds kinds;  /* in: FRAMES_IN_GREY, the default: the channels' mean */
     int nch;                     /* of the pictures, 1 or 3 */
     int channel;                 /* the one of them that the source gives */
     pvx_pool *pool;
@@ -56,7 +56,7 @@ struct flame_sets {
  * Owner: caller, flame_sets_fini, after an error too. */
 PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
                                        struct pvx_diag *d);
-/* The same for a rig that is already in s, with `light` and `colour`.  If `light` is set, saturated bins are NaN. */
+/* The same for a rig that is already in s, with `light` and `kinds`.  If `light` is set, saturated bins are NaN. */
 PVX_MUST_CHECK pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d);
 void flame_sets_fini(struct flame_sets *s);
 /* A source of all the sets.  It borrows s, and shows its progress under `label` unless --quiet. */

@@ -337,8 +337,16 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
             e = pvx_file_check(path, d);
         if (e == PVX_OK)
             e = cap_image_load(path, &f->loaded[n], d);
-        if (e == PVX_OK)
+        bool floats = cap_pixfmt_layout(f->loaded[n].img.fmt) == CAP_LAYOUT_F32;
+        if (e == PVX_OK && !floats)
             e = read_as(f, path, &f->loaded[n], d);
+        int channels = cap_pixfmt_channels(f->loaded[n].img.fmt);
+        if (e == PVX_OK && f->kinds == FRAMES_IN_SAME && channels != f->nch)
+            e = pvx_fail(d, PVX_EINVAL,
+                         "%s: this background %s, the pictures of %s %s: take it with the same "
+                         "camera (pyrovox calibrate background), or solve one channel (--grey)",
+                         path, channels == 1 ? "is grey" : "has colour", name,
+                         channels == 1 ? "have colour" : "are grey");
         f->image[n] = &f->loaded[n].img;
         out[n] = frames_in_room(f, n);
         if (e == PVX_OK && out[n] == NULL)
@@ -355,36 +363,163 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
 
 /* ---- open and close ---- */
 
-/* Set the number of channels from the first image that can be read. */
-static pvx_err frames_in_look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
+#define LOOKS 8 /* sets, spread over the recording */
+
+/* What pictures of a camera showed of it. */
+struct frames_in_seen {
+    enum cap_pixfmt fmt;     /* NONE: no picture could be read */
+    size_t equal, different; /* pixels whose three samples are alike, and not */
+    pvx_err e;               /* of the last one */
+};
+
+/* A sample as a number; full: its full scale, 0 for floats. */
+static double frames_in_sample(const struct cap_image *img, int32_t x, int32_t y, int s,
+                               double *full)
 {
-    struct pvx_diag first = {""};
-    pvx_err bad = PVX_ENOENT;
-    for (size_t i = 0; i < f->n; i++)
-        for (size_t c = 0; c < f->rig->n_cameras; c++) {
-            struct cap_loaded l;
-            if (!there(f, i, c))
-                continue;
-            pvx_err e = common_frames_in_load(f, i, c, &l, &first);
-            if (e != PVX_OK) {
-                bad = bad == PVX_ENOENT ? e : bad;
-                continue;
-            }
-            f->nch = grey ? 1 : cap_pixfmt_channels(l.img.fmt);
-            cap_loaded_free(&l);
-            return PVX_OK;
+    const char *at = (const char *)img->data + y * img->stride;
+    size_t i = (size_t)x * 3 + (size_t)s;
+    uint16_t word;
+    float f;
+    if (cap_pixfmt_layout(img->fmt) == CAP_LAYOUT_8) {
+        *full = 255;
+        return (uint8_t)at[i];
+    }
+    if (cap_pixfmt_layout(img->fmt) == CAP_LAYOUT_16) {
+        *full = 65535;
+        memcpy(&word, at + i * sizeof word, sizeof word);
+        return word;
+    }
+    *full = 0;
+    memcpy(&f, at + i * sizeof f, sizeof f);
+    return (double)f;
+}
+
+/* Count the pixels of a picture with three samples.  Black, white and what repeats its neighbour say nothing: a dark
+ * picture of a colour camera has three equal samples too. */
+static void frames_in_compare(const struct cap_image *img, struct frames_in_seen *s)
+{
+    for (int32_t y = 0; y < img->height; y += 1 + img->height / 256)
+        for (int32_t x = 1; x < img->width; x++) {
+            double full, v[3];
+            for (int k = 0; k < 3; k++)
+                v[k] = frames_in_sample(img, x, y, k, &full);
+            bool same = v[0] == v[1] && v[1] == v[2];
+            s->different += !same;
+            s->equal += same && v[0] != 0 && v[0] != full &&
+                        v[0] != frames_in_sample(img, x - 1, y, 0, &full);
         }
-    return pvx_fail(d, bad, "%s", pvx_diag_text(&first, bad));
+}
+
+/* Note a picture.  Returns whether more pictures of this camera can say more. */
+static bool frames_in_note(const struct cap_image *img, struct frames_in_seen *s)
+{
+    enum cap_layout l = cap_pixfmt_layout(img->fmt);
+    bool three = cap_pixfmt_channels(img->fmt) == 3 && cap_pixfmt_bayer(img->fmt) == NULL &&
+                 (l == CAP_LAYOUT_8 || l == CAP_LAYOUT_16 || l == CAP_LAYOUT_F32);
+    s->fmt = s->fmt == CAP_FMT_NONE ? img->fmt : s->fmt;
+    if (three)
+        frames_in_compare(img, s);
+    return three && s->different == 0;
+}
+
+/* Look at some of camera c's pictures, at least one that can be read. */
+static void look_piece(void *ctx, size_t c)
+{
+    struct frames_in *f = ctx;
+    struct frames_in_seen *s = &f->seen[c];
+    size_t have = 0, k = 0;
+    bool more = true;
+    f->why[c].text[0] = '\0';
+    for (size_t i = 0; i < f->n; i++)
+        have += there(f, i, c);
+    for (size_t i = 0; i < f->n && more && !cli_stop; i++) {
+        struct cap_loaded l;
+        struct pvx_diag why = {""};
+        if (!there(f, i, c))
+            continue;
+        size_t parts = have > LOOKS ? have - 1 : 1;
+        bool chosen = have <= LOOKS || k * (LOOKS - 1) % parts < LOOKS - 1;
+        k++;
+        if (!chosen && s->fmt != CAP_FMT_NONE)
+            continue;
+        s->e = common_frames_in_load(f, i, c, &l, &why);
+        if (s->e != PVX_OK) {
+            f->why[c] = f->why[c].text[0] == '\0' ? why : f->why[c];
+            continue;
+        }
+        more = frames_in_note(&l.img, s);
+        cap_loaded_free(&l);
+    }
+}
+
+/* Names of the cameras whose pictures are of that kind: 1 grey, 2 with colour, 3 grey in three samples. */
+static int frames_in_kind(const struct frames_in_seen *s)
+{
+    bool grey = s->equal >= 64 && s->different == 0;
+    return s->fmt == CAP_FMT_NONE ? 0 : cap_pixfmt_channels(s->fmt) == 1 ? 1 : grey ? 3 : 2;
+}
+static const char *frames_in_names(const struct frames_in *f, const struct frames_in_seen *seen,
+                                   int kind, char *out, size_t size)
+{
+    out[0] = '\0';
+    for (size_t c = 0; c < f->rig->n_cameras; c++)
+        if (frames_in_kind(&seen[c]) == kind && strlen(out) + REC_NAME_MAX < size)
+            snprintf(out + strlen(out), size - strlen(out), "%s%s", out[0] == '\0' ? "" : ", ",
+                     f->rig->cameras[c].name);
+    return out;
+}
+
+static pvx_err frames_in_two_kinds(const struct frames_in *f, const struct frames_in_seen *seen,
+                                   int grey, struct pvx_diag *d)
+{
+    char a[200], b[200];
+    return pvx_fail(d, PVX_EINVAL,
+                    "%s: the pictures of %s are grey%s, those of %s have colour: solve one channel "
+                    "from all (reconstruct --grey), or leave one kind out (--cameras A,B,...)",
+                    f->dir, frames_in_names(f, seen, grey, a, sizeof a),
+                    grey == 3 ? " (three equal samples in a pixel)" : "",
+                    frames_in_names(f, seen, 2, b, sizeof b));
+}
+
+/* Set the number of channels, from pictures of all cameras. */
+static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
+{
+    struct frames_in_seen seen[REC_MAX_CAMERAS] = {0};
+    bool has[4] = {false};
+    size_t bad = REC_MAX_CAMERAS;
+    f->seen = seen;
+    pvx_pool_run(f->pool, f->rig->n_cameras, look_piece, f);
+    f->seen = NULL;
+    for (size_t c = 0; c < f->rig->n_cameras; c++) {
+        enum cap_pixfmt fmt = seen[c].fmt;
+        bad = bad == REC_MAX_CAMERAS && f->why[c].text[0] != '\0' ? c : bad;
+        has[frames_in_kind(&seen[c])] = true;
+        if (f->black > 1 && fmt != CAP_FMT_NONE && cap_pixfmt_layout(fmt) != CAP_LAYOUT_F32)
+            return pvx_fail(d, PVX_EINVAL,
+                            "--black %g: should be 0 to 1, a share of full scale, for the %s "
+                            "pictures of %s",
+                            f->black, cap_pixfmt_name(fmt), f->rig->cameras[c].name);
+    }
+    if (!has[1] && !has[2] && !has[3])
+        return bad == REC_MAX_CAMERAS ? PVX_ECANCELED
+                                      : pvx_fail(d, seen[bad].e, "%s", f->why[bad].text);
+    f->nch = f->kinds == FRAMES_IN_GREY || !(has[2] || has[3]) ? 1 : 3;
+    if (f->kinds == FRAMES_IN_SAME && has[2] && (has[1] || has[3]))
+        return frames_in_two_kinds(f, seen, has[1] ? 1 : 3, d);
+    if (f->kinds == FRAMES_IN_SAME && has[1] && has[3])
+        f->kinds = FRAMES_IN_EACH; /* all are grey */
+    return PVX_OK;
 }
 
 pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uint32_t last,
-                       bool grey, struct pvx_diag *d)
+                       enum frames_in_kinds kinds, struct pvx_diag *d)
 {
     f->dir = dir;
+    f->kinds = kinds;
     pvx_err e = vol_hdf5_name(dir) ? scan_take(f, first, last, d) : scan_folder(f, first, last, d);
     if (e == PVX_ENOMEM)
         pvx_fail(d, e, "%s: no memory for the list of frames", dir);
-    return e == PVX_OK ? frames_in_look_at_first(f, grey, d) : e;
+    return e == PVX_OK ? frames_in_look(f, d) : e;
 }
 
 /* Print a note if the take or the rig lacks the temperature needed to check the darks. */
@@ -468,7 +603,8 @@ pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mo
                                         .fmt = f->take != NULL ? CAP_FMT_NONE : CAP_GREY8,
                                         .transfer = f->how.transfer,
                                         .mosaic = mosaic,
-                                        .light = f->light};
+                                        .light = f->light,
+                                        .alike = f->kinds == FRAMES_IN_SAME};
     dmn_images_free(&f->images);
     f->binning = binning;
     f->mosaic = mosaic;

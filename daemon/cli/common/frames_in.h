@@ -16,6 +16,13 @@
 
 #define FRAMES_IN_LAST (UINT32_MAX - 1) /* the largest frame number; 20 a second for 6 years */
 
+/* Grey pictures beside pictures with colour. */
+enum frames_in_kinds {
+    FRAMES_IN_GREY, /* one channel, the mean of three where there is colour */
+    FRAMES_IN_SAME, /* all grey, one channel, or all with colour; others are refused */
+    FRAMES_IN_EACH  /* each camera is used by itself: three channels if any has colour */
+};
+
 /* How to read the files, where they do not say it themselves. */
 struct frames_in_reading {
     enum cap_pixfmt fmt; /* format as which grey files are read (cap_pixfmt_fits); NONE = grey */
@@ -38,8 +45,8 @@ struct frames_in_reading {
 #define FRAMES_IN_PHOTO_ROWS(T)                                                                    \
     {"threshold", "X|auto", CLI_AT(T, frame.photo.threshold), 0, 1e6,                              \
      "a bin is flame from X of full scale on (auto, the default: from the noise)"},                \
-    {"black", "X", CLI_AT(T, frame.photo.black), 0, 1,                                             \
-     "black level, share of full scale (default 0)"},                                              \
+    {"black", "X", CLI_AT(T, frame.photo.black), 0, 1e6,                                           \
+     "black level, share of full scale (default 0), of floats in their own unit"},                 \
     {"margin", "N", CLI_AT(T, frame.photo.margin), 0, 64,                                          \
      "grow silhouettes by N bins (default 0). Use the calibration error in bins: a smaller "       \
      "margin cuts the rim of the flame off, a larger one takes time and lets light leak outwards"}
@@ -51,12 +58,14 @@ struct frames_in {
     const char *dir;
     struct frames_in_reading how;
     const dmn_photometry *light; /* the rig's, borrowed; NULL = pictures as they are */
+    double black;                /* only to check that the pictures can have it */
     size_t n;                    /* frame sets wanted */
     uint32_t *number;            /* [n] ascending */
     char **path;                 /* [n][cameras] NULL = that camera has no such frame */
     cap_take *take;              /* instead of paths: */
     int64_t *row;                /* [n][cameras] place among the take's frames, -1 = none */
     int take_camera[REC_MAX_CAMERAS];
+    enum frames_in_kinds kinds;
     int nch; /* 1 or 3 */
     atomic_bool stop;
 
@@ -67,13 +76,16 @@ struct frames_in {
     struct cap_loaded loaded[REC_MAX_CAMERAS];
     const struct cap_image *image[REC_MAX_CAMERAS]; /* NULL = missing */
     struct pvx_diag why[REC_MAX_CAMERAS];           /* "" = there is no such frame */
+    struct frames_in_seen *seen;                    /* [cameras], while they are looked at */
 };
 
-/* Find the frames from number `first` to `last`.  The number of channels is that of the first image that can
- * be read.  grey: one channel, whatever the images have.
- * Errors: PVX_ENOENT (names the files that it looked for), those of the first image. */
+/* Find the frames from number `first` to `last`.  The number of channels follows from `kinds` and from pictures of
+ * each camera.
+ * Errors: PVX_ENOENT (names the files that it looked for), those of the first image, PVX_EINVAL (pictures of two
+ * kinds; a black level above full scale). */
 PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first,
-                                      uint32_t last, bool grey, struct pvx_diag *d);
+                                      uint32_t last, enum frames_in_kinds kinds,
+                                      struct pvx_diag *d);
 /* Check that a take has the cameras, exposures and gains that the rig's photometry was measured with.
  * PVX_EINVAL: it has others.  A folder does not contain them and always passes. */
 PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);

@@ -123,9 +123,13 @@ static pvx_err experiment_prepare(struct experiment *x, struct pvx_diag *d)
     PVX_TRY(choose_unused(x, d));
     PVX_TRY(pvx_pool_new(o->rig.threads, "solve", &x->pool));
     PVX_TRY(dmn_photometry_load(o->rig.path, DMN_LIGHT_ALL, &x->rig, &x->light, d));
-    x->in =
-        (struct frames_in){.rig = &x->rig, .pool = x->pool, .how = o->reading, .light = x->light};
-    PVX_TRY(frames_in_open(&x->in, o->frames, o->first, o->last, o->grey, d));
+    x->in = (struct frames_in){.rig = &x->rig,
+                               .pool = x->pool,
+                               .how = o->reading,
+                               .light = x->light,
+                               .black = (double)o->frame.photo.black};
+    PVX_TRY(frames_in_open(&x->in, o->frames, o->first, o->last,
+                           o->grey ? FRAMES_IN_GREY : FRAMES_IN_SAME, d));
     PVX_TRY(frames_in_check_light(&x->in, d));
     x->params.nch = x->in.nch;
     PVX_TRY(choose_sets(x, d));

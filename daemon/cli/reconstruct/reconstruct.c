@@ -215,9 +215,13 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
     j->whole = j->rig.grid;
     PVX_TRY(pvx_pool_new(o->rig.threads, "solve", &j->pool));
     PVX_TRY(dmn_photometry_load(o->rig.path, DMN_LIGHT_ALL, &j->rig, &j->light, d));
-    j->in =
-        (struct frames_in){.rig = &j->rig, .pool = j->pool, .how = o->reading, .light = j->light};
-    PVX_TRY(frames_in_open(&j->in, o->frames, o->first, o->last, o->grey, d));
+    j->in = (struct frames_in){.rig = &j->rig,
+                               .pool = j->pool,
+                               .how = o->reading,
+                               .light = j->light,
+                               .black = (double)o->frame.photo.black};
+    PVX_TRY(frames_in_open(&j->in, o->frames, o->first, o->last,
+                           o->grey ? FRAMES_IN_GREY : FRAMES_IN_SAME, d));
     PVX_TRY(frames_in_check_light(&j->in, d));
     j->params.nch = j->in.nch;
     if (o->find_absorption)
