@@ -57,7 +57,8 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
-MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/reconstruct/ranks_mpi.c proto/clients/example.c \
+FILMS_SOURCES := $(addprefix capture/files/film_,apng.c pixels.c read.c)
+MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/reconstruct/ranks_mpi.c $(FILMS_SOURCES) proto/clients/example.c \
   recon/view/example.c
 ifneq ($(shell $(CC) -dumpmachine 2> /dev/null | cut -d- -f1),x86_64)
 FOREIGN := %_avx2.c %_avx512.c

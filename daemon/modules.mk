@@ -1,14 +1,14 @@
-# The modules: each is a shared object of its own, loaded on first use.  C++, but for MPI's.
+# The modules: each is a shared object of its own, loaded on first use.  C++, but for films and MPI.
 MPI := $(shell pkg-config --exists ompi-c 2>/dev/null && echo 1)
 LIBCAMERA := $(shell pkg-config --exists libcamera 2>/dev/null && echo 1)
 OPENVDB := $(if $(wildcard /usr/include/openvdb/openvdb.h),$(wildcard /usr/include/nanovdb/NanoVDB.h))
-MODULES := opencv aruco calib $(if $(LIBCAMERA),libcamera) $(if $(OPENVDB),openvdb) $(if $(MPI),mpi)
+MODULES := films opencv aruco calib $(if $(LIBCAMERA),libcamera) $(if $(OPENVDB),openvdb) $(if $(MPI),mpi)
 PLUGINS := $(patsubst %,$(B)/lib/pyrovox/pyrovox-%.so,$(MODULES))
 
 module_flags = -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(MODULE_INCLUDES) $(CXXFLAGS)
 module_ldflags = $(filter-out -fsanitize=%,$(LDFLAGS))
 $(PLUGINS): Makefile daemon/modules.mk
-$(filter-out %-mpi.so,$(PLUGINS)):
+$(filter-out %-films.so %-mpi.so,$(PLUGINS)):
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) $(module_flags) -shared $(module_ldflags) -o $@ $(filter %.cpp,$^) $(MODULE_LIBS)
@@ -19,10 +19,10 @@ ifneq ($(LIBFUZZER)$(COVERAGE),)
 $(OPENCV): CXX := clang++
 $(OPENCV): CXXFLAGS += $(INSTRUMENT) $(if $(SAN),-fno-sanitize=vptr)
 endif
-$(OPENCV): capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h \
+$(OPENCV): capture/files/opencv_shim.cpp capture/files/opencv_shim.h \
   capture/source/guarded.hpp
 $(OPENCV): MODULE_INCLUDES = -I/usr/include/opencv4
-$(OPENCV): MODULE_LIBS = $(addprefix -lopencv_,core imgcodecs imgproc videoio) -lavformat -lavcodec -lavutil
+$(OPENCV): MODULE_LIBS = $(addprefix -lopencv_,core imgcodecs imgproc)
 
 ARUCO := $(B)/lib/pyrovox/pyrovox-aruco.so
 $(ARUCO): recon/board/aruco_shim.cpp recon/board/aruco_shim.h
@@ -51,3 +51,10 @@ $(B)/lib/pyrovox/pyrovox-mpi.so: $(B)/daemon/cli/reconstruct/ranks_mpi.o
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) $(module_ldflags) -o $@ $(filter %.o,$^) $$(pkg-config --libs ompi-c)
+
+FILMS := $(B)/lib/pyrovox/pyrovox-films.so
+$(B)/capture/files/film_pixels.o: CFLAGS += $(FAST)
+$(FILMS): $(FILMS_SOURCES:%.c=$(B)/%.o)
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) $(module_ldflags) -o $@ $(filter %.o,$^) -lavformat -lavcodec -lavutil

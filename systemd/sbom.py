@@ -16,8 +16,8 @@ import subprocess
 import sys
 import uuid
 
-# The modules are C++: headers that they include are in them, beside what they are linked with.
-SOURCES = {"pyrovox-opencv.so": "capture/files/*_shim.cpp", "pyrovox-aruco.so": "recon/board/*_shim.cpp",
+# Headers that the modules include are in them, beside what they are linked with.
+SOURCES = {"pyrovox-opencv.so": "capture/files/*_shim.cpp", "pyrovox-films.so": "capture/files/film_*.c", "pyrovox-aruco.so": "recon/board/*_shim.cpp",
            "pyrovox-calib.so": "recon/calib/shim.cpp", "pyrovox-libcamera.so": "capture/libcamera/shim.cpp",
            "pyrovox-openvdb.so": "daemon/volumes/*.cpp"}
 # Debian's names of licences -> SPDX's, where they are the same text.

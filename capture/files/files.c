@@ -135,9 +135,10 @@ static bool is_video(const char *name)
 static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)
 {
     cap_video_close(&s->video);
-    PVX_TRY(cap_video_open(s->name, &s->video, fps, d));
-    pvx_err e = cap_video_next(s->video, &s->pending, d);
-    return e == PVX_ECLOSED ? pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", s->name) : e;
+    struct cap_video_info info;
+    PVX_TRY(cap_video_open(s->name, &s->video, &info, d));
+    *fps = info.fps;
+    return cap_video_next(s->video, &s->pending, NULL, d);
 }
 
 /* Measure the length of a looped video by reading it to its end.  Containers only estimate the length, and turns of
@@ -146,7 +147,7 @@ static pvx_err measure_video(struct files *s, struct pvx_diag *d)
 {
     pvx_err e;
     double fps;
-    for (s->video_frames = 1; (e = cap_video_next(s->video, NULL, d)) == PVX_OK;)
+    for (s->video_frames = 1; (e = cap_video_next(s->video, NULL, NULL, d)) == PVX_OK;)
         s->video_frames++;
     s->pending.data = NULL;
     return e == PVX_ECLOSED ? open_video(s, &fps, d) : e;
@@ -305,7 +306,7 @@ static bool turn_video(struct files *s, int64_t turn, uint64_t *good)
         s->pending.data = NULL;
         if (!files_one(s, turn, number, &img, 0, good))
             return false;
-        e = cap_video_next(s->video, &s->pending, &d);
+        e = cap_video_next(s->video, &s->pending, NULL, &d);
     }
     s->pending.data = NULL;
     if (e != PVX_ECLOSED)

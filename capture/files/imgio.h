@@ -1,4 +1,4 @@
-/* imgio.h - images and arrays in files: PNG/TIFF (8, 16 bit, float) and video through OpenCV, animated PNG, JPEG
+/* imgio.h - images and arrays in files: PNG/TIFF (8, 16 bit, float) through OpenCV, films and animated PNG through FFmpeg, JPEG
  * by libjpeg-turbo, .npy float32/uint8/uint16 here.  OpenCV is a module that is loaded on first use
  * (pyrovox-opencv.so; base/module.h says where it is looked for).  Programs that need no image file start fast and
  * run without it.
@@ -56,11 +56,26 @@ PVX_MUST_CHECK pvx_err cap_npy_load(const char *path, float **data, size_t shape
 PVX_MUST_CHECK pvx_err cap_npy_parse(const void *bytes, size_t len, const char *name, float **data,
                                      size_t shape[4], int *ndim, struct pvx_diag *d);
 
-/* Video file, frame by frame, RGB8, at most 16384 pixels each way: MP4, MOV, Matroska, AVI, animated PNG. */
+/* Films, frame by frame: MP4, MOV, Matroska, AVI, animated PNG, at most 16384 pixels each way.  The pictures have all
+ * bits of the film, turned as it says.  README.md has what is obeyed and what is refused. */
 typedef struct cap_video cap_video;
-PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out, double *fps,
+struct cap_video_info {
+    int32_t width, height; /* turned */
+    enum cap_pixfmt
+        fmt;    /* grey or RGB of 8 or 16 bits or float, or a Bayer format of 8 or 16 bits */
+    double fps; /* the mean rate; 0: not known */
+};
+/* The first frame is decoded, so most that is refused is refused here.  info may be NULL. */
+PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out,
+                                      struct cap_video_info *info, struct pvx_diag *d);
+/* PVX_ECLOSED at the end.  img is borrowed until the next call; NULL: skip the frame.  All have the size and the format
+ * of the first.  t_ns (or NULL): its time of presentation from the film's own zero, which may lie before its first
+ * frame.  Times ascend.  PVX_ECORRUPT: this frame is damaged or missing, and the film ends. */
+PVX_MUST_CHECK pvx_err cap_video_next(cap_video *v, struct cap_image *img, int64_t *t_ns,
                                       struct pvx_diag *d);
-/* PVX_ECLOSED at the end.  img is borrowed until the next call.  img NULL: skip the frame without decoding pixels. */
-PVX_MUST_CHECK pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d);
+/* The times of all frames, ascending, as cap_video_next gives them; nothing is decoded.  *n >= 1.  Owner: caller,
+ * free(). */
+PVX_MUST_CHECK pvx_err cap_video_times(const char *path, int64_t **t_ns, size_t *n,
+                                       struct pvx_diag *d);
 void cap_video_close(cap_video **v);
 #endif

@@ -8,14 +8,8 @@
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 
 #include "capture/source/guarded.hpp"
-
-struct cap_cv_video {
-    cv::VideoCapture capture;
-    cv::Mat frame, rgb;
-};
 
 namespace
 {
@@ -106,57 +100,7 @@ int encode(const char *ext, const struct cap_cv_image *img, void **out, size_t *
     });
 }
 
-int video_open(const char *path, struct cap_cv_video **out, double *fps, int32_t size[2], char *err,
-               size_t err_size) noexcept
-{
-    return in_opencv(err, err_size, [&]() -> int {
-        *out = nullptr;
-        auto v = std::make_unique<cap_cv_video>();
-        /* only backends for files: the others look for cameras */
-        if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
-            return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
-        size[0] = static_cast<int32_t>(v->capture.get(cv::CAP_PROP_FRAME_WIDTH));
-        size[1] = static_cast<int32_t>(v->capture.get(cv::CAP_PROP_FRAME_HEIGHT));
-        double rate = v->capture.get(cv::CAP_PROP_FPS);
-        if (fps != nullptr)
-            *fps = rate > 0 && rate < 1e6 ? rate : 0;
-        *out = v.release();
-        return PVX_OK;
-    });
-}
-
-int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
-               size_t err_size) noexcept
-{
-    return in_opencv(err, err_size, [&]() -> int {
-        if (!v->capture.grab())
-            return PVX_ECLOSED;
-        if (borrowed == nullptr)
-            return PVX_OK;
-        if (!v->capture.retrieve(v->frame) || v->frame.empty())
-            return PVX_ECLOSED;
-        if (v->frame.depth() != CV_8U)
-            return fail(PVX_EUNSUP, err, err_size, "video frames are not 8 bit");
-        if (v->frame.channels() == 1)
-            cv::cvtColor(v->frame, v->rgb, cv::COLOR_GRAY2RGB);
-        else
-            to_rgb(v->frame, v->rgb);
-        *borrowed = {v->rgb.data, v->rgb.total() * 3, v->rgb.cols, v->rgb.rows, 3, 8};
-        return PVX_OK;
-    });
-}
-
-void video_close(struct cap_cv_video *v) noexcept
-{
-    char err[16];
-    (void)in_opencv(err, sizeof err, [&]() -> int {
-        delete v;
-        return PVX_OK;
-    });
-}
-
-const struct cap_cv module = {CAP_CV_VERSION, decode,      encode,          video_open,
-                              video_next,     video_close, &cap_cv_apng_ops};
+const struct cap_cv module = {CAP_CV_VERSION, decode, encode};
 
 } // namespace
 
@@ -166,11 +110,6 @@ const struct cap_cv *cap_cv_module(void) noexcept
     (void)in_opencv(err, sizeof err, [&]() -> int { /* errors are returned, not printed */
                                                     cv::utils::logging::setLogLevel(
                                                         cv::utils::logging::LOG_LEVEL_SILENT);
-                                                    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-                                                    /* no playlist that names other files, under any file name */
-                                                    setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
-                                                           "format_whitelist;mov,matroska,avi,apng",
-                                                           0);
                                                     return PVX_OK;
     });
     return &module;

@@ -1,4 +1,4 @@
-/* module.h - shared objects in C++ that are loaded on first use (OpenCV, libcamera, ...).  So programs start fast,
+/* module.h - shared objects that are loaded on first use (FFmpeg, OpenCV, libcamera, ...).  So programs start fast,
  * and run where the library is not installed.
  *
  * A module is searched in $PYROVOX_LIBDIR if that is set, else in ../lib/pyrovox of the executable; Debian's
@@ -7,7 +7,7 @@
 #define PVX_MODULE_H
 #include <stddef.h>
 
-/* Load `file` ("pyrovox-opencv.so") and call its `entry`, which returns a struct that begins with an int: its
+/* Load `file` ("pyrovox-films.so") and call its `entry`, which returns a struct that begins with an int: its
  * version.
  * NULL: not found, cannot be loaded, or of another version; why [size]: the reason. */
 const void *pvx_module_load(const char *file, const char *entry, int version, char *why,

@@ -112,7 +112,7 @@ static inline struct cap_image plume_next(cap_video *v, const struct rec_camera 
 {
     struct cap_image img;
     struct pvx_diag d = {""};
-    if (cap_video_next(v, &img, &d) != PVX_OK || img.width != bin * c->width ||
+    if (cap_video_next(v, &img, NULL, &d) != PVX_OK || img.width != bin * c->width ||
         img.height != bin * c->height) {
         fprintf(stderr, "%s: a frame: %s\n", c->name, d.text);
         exit(1);

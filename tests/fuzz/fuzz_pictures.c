@@ -120,21 +120,21 @@ static void as_picture(const uint8_t *data, size_t size)
 static void as_film(const uint8_t *data, size_t size)
 {
     cap_video *v;
-    double fps;
+    struct cap_video_info info;
     struct cap_image img;
     struct pvx_diag d = {""};
     put(film, data, size);
-    pvx_err e = cap_video_open(film, &v, &fps, &d);
+    pvx_err e = cap_video_open(film, &v, &info, &d);
     if (e != PVX_OK) {
         MUST(v == NULL);
         said(e, &d, film);
         return;
     }
-    MUST(fps >= 0 && fps < 1e6);
+    MUST(info.fps >= 0 && info.fps < 1e6);
     unsigned sum = 0;
-    for (int k = 0; k < 8 && (e = cap_video_next(v, &img, &d)) == PVX_OK; k++) {
+    for (int k = 0; k < 8 && (e = cap_video_next(v, &img, NULL, &d)) == PVX_OK; k++) {
         check(&img);
-        MUST(img.fmt == CAP_RGB8);
+        MUST(img.fmt == info.fmt && img.width == info.width && img.height == info.height);
         for (size_t i = 0; i < img.size; i++)
             sum += ((const uint8_t *)img.data)[i];
         fuzz_taken++;

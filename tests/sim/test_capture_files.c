@@ -272,14 +272,14 @@ T_CASE(paced_frames_come_in_real_time)
 T_CASE(png_folder_and_bayer)
 {
 #ifdef __SANITIZE_THREAD__
-    T_SKIP("libraries under OpenCV order their own locks in ways that ThreadSanitizer reports");
+    T_SKIP("libraries under FFmpeg order their own locks in ways that ThreadSanitizer reports");
 #endif
     begin();
     float px[W * H] = {0};
     struct pvx_diag d = {""};
     if (cap_image_save(path_of(0, 0, "png"), px, W, H, 1, &d) == PVX_EUNSUP) {
         scratch_remove();
-        T_SKIP("the OpenCV module is not there");
+        T_SKIP("the module of films is not there");
     }
     T_EQ_S(d.text, "");
     write_images(2, 10, "png");
@@ -338,21 +338,21 @@ static void write_avi(const char *path, int frames)
 T_CASE(videos_are_cameras)
 {
 #ifdef __SANITIZE_THREAD__
-    T_SKIP("libraries under OpenCV order their own locks in ways that ThreadSanitizer reports");
+    T_SKIP("libraries under FFmpeg order their own locks in ways that ThreadSanitizer reports");
 #endif
     begin();
     for (int c = 0; c < 2; c++)
         write_avi(at("cam%d.avi", c), 12 - 2 * c);
     cap_video *v;
-    double fps = 0;
+    struct cap_video_info info = {0};
     struct pvx_diag d = {""};
-    pvx_err e = cap_video_open(at("cam0.avi"), &v, &fps, &d);
+    pvx_err e = cap_video_open(at("cam0.avi"), &v, &info, &d);
     if (e == PVX_EUNSUP) {
         scratch_remove();
-        T_SKIP("the OpenCV module is not there");
+        T_SKIP("the module of films is not there");
     }
     T_CHECK_(e == PVX_OK, "%s", d.text);
-    T_NEAR(fps, 25, 1e-6);
+    T_NEAR(info.fps, 25, 1e-6);
     cap_video_close(&v);
     for (int loop = 0; loop < 2; loop++) {
         cameras(2, true);

@@ -84,7 +84,7 @@ for f in files.values():
     assert loaded[f["fileName"]], path
     for lib in loaded[f["fileName"]]:
         assert owner[lib] in have and version[owner[lib]] == installed[owner[lib]], (path, lib, owner[lib])
-    may = f["fileName"].endswith(("/pyrovox-opencv.so", "/pyrovox-calib.so"))
+    may = f["fileName"].endswith(("/pyrovox-films.so", "/pyrovox-calib.so"))
     assert bool(have & gpl) == may, (path, have & gpl)
 PY
 }

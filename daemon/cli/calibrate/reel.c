@@ -7,8 +7,12 @@ pvx_err calibrate_reel_open(struct calibrate_reel *r, const struct calibrate_loo
                             struct pvx_diag *d)
 {
     *r = (struct calibrate_reel){.l = l, .camera = camera};
-    if (l->source == CALIBRATE_VIDEOS)
-        return cap_video_open(l->video[camera], &r->video, &r->fps, d);
+    if (l->source == CALIBRATE_VIDEOS) {
+        struct cap_video_info info = {0};
+        pvx_err e = cap_video_open(l->video[camera], &r->video, &info, d);
+        r->fps = info.fps;
+        return e;
+    }
     uint32_t c = (uint32_t)l->take_camera[camera];
     const struct cap_take_camera *k = &cap_take_info(l->take)->head.camera[c];
     r->size = cap_take_frame_max(l->take, c);
@@ -22,8 +26,8 @@ static pvx_err from_video(struct calibrate_reel *r, uint32_t number, struct cap_
                           struct pvx_diag *d)
 {
     for (; r->next < number; r->next++)
-        PVX_TRY(cap_video_next(r->video, NULL, d));
-    PVX_TRY(cap_video_next(r->video, img, d));
+        PVX_TRY(cap_video_next(r->video, NULL, NULL, d));
+    PVX_TRY(cap_video_next(r->video, img, NULL, d));
     r->next++;
     return PVX_OK;
 }

@@ -1,0 +1,159 @@
+#include "capture/files/film.h"
+
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "base/module.h"
+#include "capture/files/picture.h"
+
+/* The module is found and loaded once, never unloaded. */
+static struct {
+    pthread_once_t once;
+    const struct cap_films *is;
+    char why[PVX_DIAG_MAX]; /* why it could not be loaded */
+} films = {.once = PTHREAD_ONCE_INIT};
+
+static void film_find_module(void)
+{
+    films.is = pvx_module_load("pyrovox-films.so", "cap_films_module", CAP_FILMS_VERSION, films.why,
+                               sizeof films.why);
+}
+
+static pvx_err film_need_module(const char *path, struct pvx_diag *d)
+{
+    pthread_once(&films.once, film_find_module);
+    if (films.is != NULL)
+        return PVX_OK;
+    return pvx_fail(d, PVX_EUNSUP,
+                    "%s: the module of films cannot be loaded: %.500s; pictures work without", path,
+                    films.why);
+}
+
+/* ---- films ---- */
+
+struct cap_video {
+    struct film *film;
+};
+
+/* Check the size of an animated PNG before libavformat, which decodes a picture on opening, allocates one. */
+static pvx_err film_check_png(const char *path, uint64_t bytes, struct pvx_diag *d)
+{
+    unsigned char b[24];
+    uint32_t width, height;
+    FILE *f = fopen(path, "rb");
+    size_t n = f != NULL ? fread(b, 1, sizeof b, f) : 0;
+    if (f != NULL)
+        fclose(f);
+    cap_picture_png(b, n, &width, &height);
+    return cap_picture_fits(width, height, bytes, path, d);
+}
+
+static pvx_err film_check_file(const char *path, uint64_t *bytes, struct pvx_diag *d)
+{
+    struct stat st;
+    if (access(path, R_OK) != 0 || stat(path, &st) != 0)
+        return pvx_fail(d, PVX_ENOENT, "%s: no such video file, or not readable", path);
+    PVX_TRY(pvx_file_check(path, d));
+    *bytes = (uint64_t)st.st_size;
+    PVX_TRY(film_check_png(path, *bytes, d));
+    return film_need_module(path, d);
+}
+
+pvx_err cap_video_open(const char *path, cap_video **out, struct cap_video_info *info,
+                       struct pvx_diag *d)
+{
+    struct cap_video_info unused;
+    uint64_t bytes;
+    *out = NULL;
+    PVX_TRY(film_check_file(path, &bytes, d));
+    cap_video *v = pvx_calloc(1, sizeof *v);
+    if (v == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a film", path);
+    pvx_err e = films.is->open(path, bytes, &v->film, info != NULL ? info : &unused, d);
+    if (e != PVX_OK)
+        cap_video_close(&v);
+    *out = v;
+    return e;
+}
+
+pvx_err cap_video_next(cap_video *v, struct cap_image *img, int64_t *t_ns, struct pvx_diag *d)
+{
+    return films.is->next(v->film, img, t_ns, d);
+}
+
+pvx_err cap_video_times(const char *path, int64_t **t_ns, size_t *n, struct pvx_diag *d)
+{
+    uint64_t bytes;
+    *t_ns = NULL;
+    *n = 0;
+    PVX_TRY(film_check_file(path, &bytes, d));
+    return films.is->times(path, bytes, t_ns, n, d);
+}
+
+void cap_video_close(cap_video **v)
+{
+    if (*v == NULL)
+        return;
+    films.is->close((*v)->film);
+    PVX_FREE(*v);
+}
+
+/* ---- animated PNG ---- */
+
+struct cap_apng {
+    struct film_apng *is;
+    char *path;
+};
+
+pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps, cap_apng **out,
+                       struct pvx_diag *d)
+{
+    *out = NULL;
+    if (w < 1 || h < 1 || w > 1 << 15 || h > 1 << 15 || (nch != 1 && nch != 3) || fps < 1 ||
+        fps > 100)
+        return pvx_fail(d, PVX_EINVAL, "%s: an animation has 1 or 3 channels, 1 to 100 fps", path);
+    PVX_TRY(film_need_module(path, d));
+    cap_apng *a = pvx_calloc(1, sizeof *a);
+    if (a == NULL || (a->path = strdup(path)) == NULL) {
+        free(a);
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the animation", path);
+    }
+    pvx_err e = films.is->apng_begin(a->path, w, h, nch, fps, &a->is, d);
+    if (e != PVX_OK)
+        cap_apng_drop(&a);
+    *out = a;
+    return e;
+}
+
+pvx_err cap_apng_add(cap_apng *a, const uint8_t *samples, struct pvx_diag *d)
+{
+    return films.is->apng_add(a->is, samples, d);
+}
+
+pvx_err cap_apng_end(cap_apng **a, struct pvx_diag *d)
+{
+    void *bytes;
+    size_t len;
+    pvx_err e = films.is->apng_end((*a)->is, &bytes, &len, d);
+    (*a)->is = NULL;
+    if (e == PVX_OK)
+        e = pvx_file_write((*a)->path, bytes, len, d);
+    free(bytes);
+    cap_apng_drop(a);
+    return e;
+}
+
+void cap_apng_drop(cap_apng **a)
+{
+    if (*a == NULL)
+        return;
+    films.is->apng_drop((*a)->is);
+    free((*a)->path);
+    PVX_FREE(*a);
+}
