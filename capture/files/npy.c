@@ -268,7 +268,8 @@ pvx_err cap_npy_save(const char *path, const float *data, const size_t *shape_in
     char dims[4 * 24] = "";
     for (int i = 0; i < ndim; i++) {
         size_t at = strlen(dims);
-        snprintf(dims + at, sizeof dims - at, "%zu,%s", shape_in[i], i + 1 < ndim ? " " : "");
+        const char *comma = i + 1 < ndim ? ", " : ndim == 1 ? "," : "";
+        snprintf(dims + at, sizeof dims - at, "%zu%s", shape_in[i], comma);
         if (__builtin_mul_overflow(count, shape_in[i], &count))
             return pvx_fail(d, PVX_EINVAL, "%s: array too large", path);
     }

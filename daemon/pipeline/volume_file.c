@@ -120,7 +120,7 @@ static bool volume_file_numbers(const cJSON *array, double out[3])
 }
 
 /* Box and basis from the description; the grid keeps its own when the file is not there. */
-static pvx_err read_sidecar(const char *json, const double shape[3], struct rec_grid *g,
+static pvx_err read_sidecar(const char *json, const double shape[4], struct rec_grid *g,
                             struct pvx_diag *d)
 {
     char *text;
@@ -147,8 +147,10 @@ static pvx_err read_sidecar(const char *json, const double shape[3], struct rec_
         }
         /* the shape of the .npy counts; if the .json gives one too, they must agree */
         const cJSON *s = cJSON_GetObjectItem(o, "shape");
-        for (int a = 0; a < 3 && cJSON_GetArraySize(s) >= 3; a++)
-            ok &= cJSON_GetNumberValue(cJSON_GetArrayItem(s, 2 - a)) == shape[a];
+        int n = cJSON_GetArraySize(s);
+        ok &= s == NULL || n == 4 || (n == 3 && shape[3] == 1);
+        for (int a = 0; a < n && ok; a++)
+            ok = cJSON_GetNumberValue(cJSON_GetArrayItem(s, a)) == shape[a < 3 ? 2 - a : 3];
     }
     cJSON_Delete(o);
     return ok ? PVX_OK
@@ -176,7 +178,7 @@ pvx_err dmn_volume_load(const char *path, struct rec_grid *grid, int *nch, float
         for (int a = 0; a < 3; a++)
             grid->n[a] = (int32_t)shape[2 - a];
         *nch = (int)shape[3];
-        e = read_sidecar(json, (double[3]){grid->n[0], grid->n[1], grid->n[2]}, grid, d);
+        e = read_sidecar(json, (double[4]){grid->n[0], grid->n[1], grid->n[2], *nch}, grid, d);
     }
     if (e != PVX_OK) {
         free(*dense);

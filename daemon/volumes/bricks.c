@@ -10,7 +10,7 @@
 
 pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels)
 {
-    if (bricks <= s->room)
+    if (bricks <= s->room && channels == s->channels)
         return PVX_OK;
     vol_store_free(s);
     s->ids = malloc(bricks * sizeof *s->ids);
@@ -20,6 +20,7 @@ pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels)
         return PVX_ENOMEM;
     }
     s->room = bricks;
+    s->channels = channels;
     return PVX_OK;
 }
 

@@ -8,7 +8,7 @@
 struct vol_store {
     uint32_t *ids;
     float *brick;
-    uint32_t room, n;
+    uint32_t room, n, channels;
 };
 PVX_MUST_CHECK pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels);
 void vol_store_free(struct vol_store *s);

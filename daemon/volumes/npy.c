@@ -1,7 +1,5 @@
 /* npy.c - a folder: SET.npy, float32 [nz][ny][nx][channels], and SET.json beside it, each pair whole or not
  * there; and recording.json with the gaps, rig.yaml and config.yaml as far as they are known. */
-#include <dirent.h>
-#include <glob.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +14,7 @@
 #include "capture/files/imgio.h"
 #include "daemon/control/json.h"
 #include "daemon/volumes/bricks.h"
+#include "daemon/volumes/folder.h"
 #include "recon/solve/solve.h"
 
 static void npy_triple(struct dmn_json *j, const char *key, const double v[3])
@@ -176,15 +175,11 @@ static pvx_err npy_put_list(const struct out *w, bool closed, struct pvx_diag *d
 /* Make the folder.  An earlier recording is neither overwritten nor mixed with. */
 static pvx_err make_dir(const char *dir, struct pvx_diag *d)
 {
-    char pattern[1200];
     PVX_TRY(pvx_mkdirs(dir, d));
-    snprintf(pattern, sizeof pattern, "%s/[0-9]*.npy", dir);
-    glob_t g;
-    int found = glob(pattern, GLOB_NOSORT, NULL, &g) == 0;
-    globfree(&g);
-    return found ? pvx_fail(d, PVX_EBUSY,
-                            "%s: holds volumes of an earlier recording; name another folder", dir)
-                 : PVX_OK;
+    return vol_folder_has(dir, ".npy")
+               ? pvx_fail(d, PVX_EBUSY,
+                          "%s: holds volumes of an earlier recording; name another folder", dir)
+               : PVX_OK;
 }
 
 static pvx_err npy_put_text(const struct out *w, const char *name, const char *text,

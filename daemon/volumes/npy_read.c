@@ -1,7 +1,7 @@
 /* npy_read.c - reads the folder of npy.c; also folders and single files of `pyrovox reconstruct`. */
 #include <errno.h>
-#include <glob.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,6 +14,7 @@
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "daemon/volumes/bricks.h"
+#include "daemon/volumes/folder.h"
 #include "recon/solve/solve.h"
 
 #define VERSION 1 /* of recording.json */
@@ -21,7 +22,8 @@
 #define TEXT_MAX ((size_t)4 << 20)
 
 struct in {
-    glob_t files;
+    char *dir; /* NULL: files has the path of one file */
+    struct vol_folder files;
     struct pvp_start start;
     char *rig, *config;
     struct vol_gap *gap;
@@ -29,26 +31,9 @@ struct in {
     struct vol_store store;
 };
 
-static bool ends(const char *path, const char *with)
-{
-    size_t n = strlen(path), m = strlen(with);
-    return n > m && strcmp(path + n - m, with) == 0;
-}
-
 static bool npy_is(const char *path)
 {
-    struct stat st;
-    if (stat(path, &st) != 0)
-        return false;
-    if (S_ISREG(st.st_mode))
-        return ends(path, ".npy");
-    char pattern[1200];
-    snprintf(pattern, sizeof pattern, "%s/*.npy", path);
-    glob_t g;
-    bool found = S_ISDIR(st.st_mode) && glob(pattern, 0, NULL, &g) == 0;
-    if (found)
-        globfree(&g);
-    return found;
+    return vol_folder_has(path, ".npy");
 }
 
 /* The whole number after "key":, read from the text because a double would lose nanoseconds. */
@@ -149,10 +134,21 @@ static void read_report(const cJSON *o, struct pvp_report *r)
     r->entries = big(report, "entries");
 }
 
+/* Whether the array has the shape that the file says, if it says one. */
+static bool npy_read_shaped(const cJSON *o, const size_t shape[4])
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, "shape");
+    int n = cJSON_GetArraySize(list);
+    bool same = list == NULL || n == 4 || (n == 3 && shape[3] == 1);
+    for (int a = 0; a < n && same; a++)
+        same = cJSON_GetNumberValue(cJSON_GetArrayItem(list, a)) == (double)shape[a];
+    return same;
+}
+
 static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volume *out,
                          struct pvp_start *start, struct pvx_diag *d)
 {
-    char path[1200], *text;
+    char path[PATH_MAX + 8], *text;
     size_t len;
     snprintf(path, sizeof path, "%.*s.json", (int)(strlen(npy) - 4), npy);
     PVX_TRY(pvx_file_read(path, TEXT_MAX, &text, &len, d));
@@ -162,7 +158,7 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
     double h[3];
     const char *basis = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "basis"));
     bool ok = npy_read_triple(o, "origin", g->min) && npy_read_triple(o, "spacing", h) &&
-              basis != NULL && h[0] > 0 && h[1] > 0 && h[2] > 0;
+              npy_read_shaped(o, shape) && basis != NULL && h[0] > 0 && h[1] > 0 && h[2] > 0;
     for (int a = 0; a < 3 && ok; a++) {
         g->n[a] = (uint32_t)shape[2 - a];
         g->max[a] = g->min[a] + h[a] * g->n[a];
@@ -198,16 +194,19 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
     free(text);
     return ok ? PVX_OK
               : pvx_fail(d, PVX_EFORMAT,
-                         "%s: does not describe the .npy beside it (origin, spacing, basis)", path);
+                         "%s: does not describe the .npy beside it (origin, spacing, basis, shape)",
+                         path);
 }
 
 static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
                              struct pvp_start *start, struct pvx_diag *d)
 {
-    const char *path = r->files.gl_pathv[k];
+    char path[PATH_MAX];
     size_t shape[4];
     int ndim;
     float *dense;
+    snprintf(path, sizeof path, "%s%s%s", r->dir != NULL ? r->dir : "", r->dir != NULL ? "/" : "",
+             r->files.name[k]);
     PVX_TRY(cap_npy_load(path, &dense, shape, &ndim, d));
     pvx_err e = PVX_OK;
     *out = (struct vol_volume){.sample = PVP_F32};
@@ -280,7 +279,8 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
 static void npy_read_npy_close(void *self)
 {
     struct in *r = self;
-    globfree(&r->files);
+    vol_folder_free(&r->files);
+    free(r->dir);
     free(r->rig);
     free(r->config);
     free(r->gap);
@@ -288,23 +288,50 @@ static void npy_read_npy_close(void *self)
     free(r);
 }
 
+static pvx_err npy_read_find(struct in *r, const char *path, struct pvx_diag *d)
+{
+    struct stat st;
+    if (stat(path, &st) == 0 && S_ISDIR(st.st_mode)) {
+        r->dir = strdup(path);
+        PVX_TRY(vol_folder_list(path, ".npy", &r->files, d));
+        return r->dir != NULL ? PVX_OK : PVX_ENOMEM;
+    }
+    r->files.name = pvx_calloc(1, sizeof *r->files.name);
+    if (r->files.name == NULL || (r->files.name[0] = strdup(path)) == NULL)
+        return PVX_ENOMEM;
+    r->files.n = 1;
+    return PVX_OK;
+}
+
+/* The head: as the first file says that is not damaged. */
+static pvx_err npy_read_first(struct in *r, struct pvx_diag *d)
+{
+    struct vol_volume v;
+    struct pvx_diag first = {""};
+    pvx_err e = PVX_OK, why = PVX_ENOENT;
+    for (size_t k = 0; k < r->files.n; k++) {
+        struct pvx_diag one = {""};
+        e = npy_read_load(r, k, &v, &r->start, &one);
+        if (!vol_damaged(e))
+            return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
+        if (k == 0) {
+            first = one;
+            why = e;
+        }
+    }
+    return pvx_fail(d, why, "%s", pvx_diag_text(&first, why));
+}
+
 static pvx_err npy_read_npy_open(void **self, const char *path, struct vol_head *head, uint64_t *n,
                                  bool *cut, struct pvx_diag *d)
 {
     struct in *r = pvx_calloc(1, sizeof *r);
-    struct stat st;
-    char pattern[1200];
-    struct vol_volume first;
     if (r == NULL)
         return PVX_ENOMEM;
-    bool folder = stat(path, &st) == 0 && S_ISDIR(st.st_mode);
-    snprintf(pattern, sizeof pattern, folder ? "%s/*.npy" : "%s", path);
-    if (glob(pattern, 0, NULL, &r->files) != 0 || r->files.gl_pathc == 0) {
-        npy_read_npy_close(r);
-        return pvx_fail(d, PVX_ENOENT, "%s: no volumes there", path);
-    }
-    pvx_err e = npy_read_load(r, 0, &first, &r->start, d);
-    if (e == PVX_OK && folder) {
+    pvx_err e = npy_read_find(r, path, d);
+    if (e == PVX_OK)
+        e = npy_read_first(r, d);
+    if (e == PVX_OK && r->dir != NULL) {
         r->rig = text_file(path, "rig.yaml");
         r->config = text_file(path, "config.yaml");
         e = read_list(r, path, cut, d);
@@ -314,7 +341,7 @@ static pvx_err npy_read_npy_open(void **self, const char *path, struct vol_head 
         return e;
     }
     *head = (struct vol_head){.start = r->start, .rig = r->rig, .config = r->config};
-    *n = r->files.gl_pathc;
+    *n = r->files.n;
     *self = r;
     return PVX_OK;
 }
@@ -323,7 +350,13 @@ static pvx_err npy_get(void *self, uint64_t k, struct vol_volume *out, struct pv
 {
     struct in *r = self;
     struct pvp_start start;
-    return npy_read_load(r, k, out, &start, d);
+    PVX_TRY(npy_read_load(r, k, out, &start, d));
+    return pvp_grid_same(&out->v.grid, &r->start.grid)
+               ? PVX_OK
+               : pvx_fail(d, PVX_ERANGE,
+                          "%s: set %llu: its grid is not that of the volumes before it: of another "
+                          "recording",
+                          r->dir, (unsigned long long)out->v.set);
 }
 
 static const struct vol_gap *npy_read_npy_gap(const void *self, uint64_t k)

@@ -1,6 +1,5 @@
 /* repair.c - repairs folders of volumes that were cut off.  A kill leaves whole files and a list that is not closed.
  * A power cut, or a copy that ended early, also leaves files that are not whole. */
-#include <dirent.h>
 #include <errno.h>
 #include <limits.h>
 #include <stdio.h>
@@ -12,6 +11,7 @@
 #include <cjson/cJSON.h>
 
 #include "base/file.h"
+#include "daemon/volumes/folder.h"
 #include "daemon/volumes/numbered.h"
 #include "daemon/volumes/vdb_notes.h"
 
@@ -23,51 +23,32 @@ static const char *const ends[VOL_FORMATS] = {
 struct folder {
     const char *dir;
     enum vol_format format;
-    struct dirent **entry; /* in order of their numbers */
-    int n;
+    struct vol_folder files;
 };
-
-static void free_entries(struct folder *f)
-{
-    for (int i = 0; i < f->n; i++)
-        free(f->entry[i]);
-    free(f->entry);
-    f->entry = NULL;
-    f->n = 0;
-}
 
 static pvx_err repair_list(struct folder *f, struct pvx_diag *d)
 {
-    const char *end = ends[f->format];
-    f->n = scandir(f->dir, &f->entry, NULL, versionsort);
-    if (f->n < 0) {
-        f->n = 0;
-        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", f->dir, strerror(errno));
-    }
-    int kept = 0;
-    for (int i = 0; i < f->n; i++) {
-        size_t len = strlen(f->entry[i]->d_name), k = strlen(end);
-        if (len > k && strcmp(f->entry[i]->d_name + len - k, end) == 0)
-            f->entry[kept++] = f->entry[i];
-        else
-            free(f->entry[i]);
-    }
-    f->n = kept;
-    return PVX_OK;
+    vol_folder_free(&f->files);
+    return vol_folder_list(f->dir, ends[f->format], &f->files, d);
 }
 
-static void repair_path_of(const struct folder *f, int i, char path[PATH_MAX])
+static void repair_path_of(const struct folder *f, size_t i, char path[PATH_MAX])
 {
-    snprintf(path, PATH_MAX, "%s/%s", f->dir, f->entry[i]->d_name);
+    snprintf(path, PATH_MAX, "%s/%s", f->dir, f->files.name[i]);
 }
 
-/* Whether the whole file can be read, as a recording of one volume. */
-static pvx_err repair_look(const char *path, struct pvx_diag *d)
+/* Whether the whole file can be read, as a recording of one volume, and has the grid of the others. */
+static pvx_err repair_look(const char *path, const struct pvp_grid *grid, struct pvx_diag *d)
 {
     vol_reader *r;
     struct vol_volume v;
     PVX_TRY(vol_reader_open(path, &r, d));
     pvx_err e = vol_reader_get(r, 0, &v, d);
+    if (e == PVX_OK && !pvp_grid_same(&v.v.grid, grid))
+        e = pvx_fail(d, PVX_ERANGE,
+                     "%s: its grid is not that of the volumes before it: of another recording; "
+                     "move it away",
+                     path);
     vol_reader_close(&r);
     return e;
 }
@@ -85,16 +66,15 @@ static pvx_err repair_put_aside(const char *path, struct pvx_diag *d)
                : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
 }
 
-static pvx_err repair_look_at_all(const struct folder *f, uint64_t *good, uint64_t *bad,
-                                  struct pvx_diag *d)
+static pvx_err repair_look_at_all(const struct folder *f, const struct pvp_grid *grid,
+                                  uint64_t *good, uint64_t *bad, struct pvx_diag *d)
 {
     char path[PATH_MAX];
-    for (int i = 0; i < f->n; i++) {
+    for (size_t i = 0; i < f->files.n; i++) {
         struct pvx_diag one = {""};
         repair_path_of(f, i, path);
-        pvx_err e = repair_look(path, &one);
-        /* PVX_ENOENT: a .npy without its .json */
-        bool damaged = e == PVX_ECORRUPT || e == PVX_EFORMAT || e == PVX_ENOENT;
+        pvx_err e = repair_look(path, grid, &one);
+        bool damaged = vol_damaged(e);
         if (e != PVX_OK && !damaged)
             return pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
         if (damaged)
@@ -132,17 +112,16 @@ static pvx_err list_numbered(const struct folder *f, const struct vol_head *head
     vol_numbered *n = NULL;
     const bool nano = f->format == VOL_NVDB;
     char path[PATH_MAX];
-    pvx_err e = f->n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", f->dir);
-    for (int i = 0; i < f->n && e == PVX_OK; i++) {
+    pvx_err e = f->files.n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", f->dir);
+    for (size_t i = 0; i < f->files.n && e == PVX_OK; i++) {
         struct vol_vdb_about a = {.unit_m = 1};
         repair_path_of(f, i, path);
         e = vol_vdb_about_load(path, nano, &a, d);
         const struct vol_options o = {.y_up = a.y_up != 0, .unit_m = a.unit_m};
         if (e == PVX_OK && n == NULL)
-            e = vol_numbered_again(f->dir, f->entry[i]->d_name, ends[f->format] + 1, head, &o, &n,
-                                   d);
+            e = vol_numbered_again(f->dir, f->files.name[i], ends[f->format] + 1, head, &o, &n, d);
         if (e == PVX_OK)
-            e = vol_numbered_found(n, f->entry[i]->d_name, &a.v, d);
+            e = vol_numbered_found(n, f->files.name[i], &a.v, d);
     }
     if (e == PVX_OK)
         return vol_numbered_close(&n, d);
@@ -155,11 +134,10 @@ static pvx_err repair(struct folder *f, const vol_reader *r, uint64_t *good, uin
                       bool *done, struct pvx_diag *d)
 {
     PVX_TRY(repair_list(f, d));
-    PVX_TRY(repair_look_at_all(f, good, bad, d));
+    PVX_TRY(repair_look_at_all(f, &vol_reader_head(r)->start.grid, good, bad, d));
     *done = *bad > 0 || vol_reader_cut(r);
     if (!*done)
         return PVX_OK;
-    free_entries(f);
     PVX_TRY(repair_list(f, d)); /* without those that were put aside */
     return f->format == VOL_NPY ? close_npy(f->dir, d) : list_numbered(f, vol_reader_head(r), d);
 }
@@ -177,7 +155,7 @@ pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *
         stat(dir, &st) == 0 && S_ISDIR(st.st_mode)
             ? repair(&f, r, good, bad, done, d)
             : pvx_fail(d, PVX_EINVAL, "%s: is one file of a recording; name its folder", dir);
-    free_entries(&f);
+    vol_folder_free(&f.files);
     vol_reader_close(&r);
     return e;
 }

@@ -1,6 +1,5 @@
 /* vdb_read.c - reads numbered .vdb or .nvdb files (or one) as a recording.  Values in their notes are checked against
  * bounds (vdb_notes.h).  OpenVDB reads the rest, where it can do no harm (vdb_child.h). */
-#include <dirent.h>
 #include <errno.h>
 #include <limits.h>
 #include <stdio.h>
@@ -9,6 +8,7 @@
 #include <sys/stat.h>
 
 #include "base/file.h"
+#include "daemon/volumes/folder.h"
 #include "daemon/volumes/vdb_child.h"
 #include "daemon/volumes/vdb_module.h"
 #include "daemon/volumes/vdb_notes.h"
@@ -34,56 +34,13 @@ struct vdb_in {
     float *brick; /* of the volume given last */
 };
 
-static bool vdb_read_ends_in(const char *s, const char *end)
-{
-    size_t n = strlen(s), k = strlen(end);
-    return n > k && strcmp(s + n - k, end) == 0;
-}
-
-static int is_vdb_name(const struct dirent *e)
-{
-    return vdb_read_ends_in(e->d_name, ".vdb");
-}
-static int is_nvdb_name(const struct dirent *e)
-{
-    return vdb_read_ends_in(e->d_name, ".nvdb");
-}
-
-/* By number, not by letter: _9999 before _10000.  -1: not a folder. */
-static int vdb_read_list(const char *dir, int (*which)(const struct dirent *),
-                         struct dirent ***entry)
-{
-    *entry = NULL;
-    return scandir(dir, entry, which, versionsort);
-}
-
-static void free_list(struct dirent **entry, int n)
-{
-    for (int i = 0; i < n; i++)
-        free(entry[i]);
-    free(entry);
-}
-
-static bool vdb_read_has(const char *path, const char *end, int (*which)(const struct dirent *))
-{
-    struct dirent **entry;
-    struct stat st;
-    if (stat(path, &st) != 0)
-        return false;
-    if (!S_ISDIR(st.st_mode))
-        return vdb_read_ends_in(path, end);
-    int n = vdb_read_list(path, which, &entry);
-    free_list(entry, n);
-    return n > 0;
-}
-
 static bool is_vdb(const char *path)
 {
-    return vdb_read_has(path, ".vdb", is_vdb_name);
+    return vol_folder_has(path, ".vdb");
 }
 static bool is_nvdb(const char *path)
 {
-    return vdb_read_has(path, ".nvdb", is_nvdb_name);
+    return vol_folder_has(path, ".nvdb");
 }
 
 static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
@@ -131,44 +88,35 @@ static pvx_err take_text(const char *dir, const char *name, char **out, struct p
     return e == PVX_OK || e == PVX_ENOENT ? PVX_OK : pvx_fail(d, e, "%s", own.text);
 }
 
-static int is_list_name(const struct dirent *e)
-{
-    return vdb_read_ends_in(e->d_name, ".json");
-}
-
 /* Whether the list beside the files (numbered.h) says that the recording was closed. */
 static bool vdb_read_closed(const char *dir)
 {
-    struct dirent **entry;
+    struct vol_folder f;
     char path[PATH_MAX], *text;
     size_t len;
     bool yes = false;
-    int n = vdb_read_list(dir, is_list_name, &entry);
-    if (n > 0) {
-        snprintf(path, sizeof path, "%s/%s", dir, entry[0]->d_name);
+    if (vol_folder_list(dir, ".json", &f, NULL) == PVX_OK && f.n > 0) {
+        snprintf(path, sizeof path, "%s/%s", dir, f.name[0]);
         if (pvx_file_read(path, TEXT_MAX, &text, &len, NULL) == PVX_OK) {
             yes = strstr(text, "\"closed\":true") != NULL;
             free(text);
         }
     }
-    free_list(entry, n);
+    vol_folder_free(&f);
     return yes;
 }
 
 /* A file whose beginning is damaged or cut off is a set that is missing. */
 static pvx_err vdb_read_add_folder(struct vdb_in *r, const char *dir, bool *cut, struct pvx_diag *d)
 {
-    struct dirent **entry;
+    struct vol_folder f;
     struct vol_vdb_about a = {.unit_m = 1};
     struct pvx_diag first = {""}, one = {""};
     char path[PATH_MAX];
     *cut = !vdb_read_closed(dir);
-    int n = vdb_read_list(dir, r->nano ? is_nvdb_name : is_vdb_name, &entry);
-    if (n < 0)
-        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
-    pvx_err e = PVX_OK;
-    for (int i = 0; i < n && e == PVX_OK; i++) {
-        snprintf(path, sizeof path, "%s/%s", dir, entry[i]->d_name);
+    pvx_err e = vol_folder_list(dir, r->nano ? ".nvdb" : ".vdb", &f, d);
+    for (size_t i = 0; i < f.n && e == PVX_OK; i++) {
+        snprintf(path, sizeof path, "%s/%s", dir, f.name[i]);
         e = vol_vdb_about_load(path, r->nano, &a, &one);
         if (e == PVX_EFORMAT) {
             first = first.text[0] == '\0' ? one : first;
@@ -178,10 +126,10 @@ static pvx_err vdb_read_add_folder(struct vdb_in *r, const char *dir, bool *cut,
             e = e == PVX_OK ? add_file(r, path, &a, d) : pvx_fail(d, e, "%s", one.text);
         }
     }
-    free_list(entry, n);
     if (e == PVX_OK && r->n == 0)
-        e = n > 0 ? pvx_fail(d, PVX_EFORMAT, "%s", first.text)
-                  : pvx_fail(d, PVX_ENOENT, "%s: no volumes in it", dir);
+        e = f.n > 0 ? pvx_fail(d, PVX_EFORMAT, "%s", first.text)
+                    : pvx_fail(d, PVX_ENOENT, "%s: no volumes in it", dir);
+    vol_folder_free(&f);
     if (e == PVX_OK)
         e = take_text(dir, "rig.yaml", &r->rig, d);
     if (e == PVX_OK)

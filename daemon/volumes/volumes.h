@@ -90,6 +90,12 @@ const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k);
 uint64_t vol_reader_unsolved(const vol_reader *r);
 void vol_reader_close(vol_reader **r);
 
+/* Whether a volume that cannot be read is damaged, so that `repair` leaves it out.  PVX_ENOENT: a .npy without its
+ * .json. */
+static inline bool vol_damaged(pvx_err e)
+{
+    return e == PVX_ECORRUPT || e == PVX_EFORMAT || e == PVX_ENOENT;
+}
 /* Finishes a folder (npy, vdb, nvdb) that was cut off, in place: damaged files are renamed to FILE.cut-off, and the
  * list of the others is made anew and closed.  *good, *bad: number of such files; *done: there was something to
  * do. */

@@ -224,7 +224,7 @@ refused() {
     run "$pyrovox" convert "$dir/nan" "$dir/x1.h5"; says 1 nan/000005.npy "not finite" || return 1
     cp -r "$dir/made" "$dir/other"
     "$py" -c 'import sys, numpy as np; np.save(sys.argv[1], np.load(sys.argv[1])[:4])' "$dir/other/000005.npy"
-    run "$pyrovox" convert "$dir/other" "$dir/x2.h5"; says 1 "set 5" grid || return 1
+    run "$pyrovox" convert "$dir/other" "$dir/x2.h5"; says 1 000005.json "does not describe the .npy beside it" || return 1
     cp -r "$dir/made" "$dir/flat" && sed -i -z 's/"spacing":[^]]*]/"spacing": [1e-300, 1e-300, 1e-300]/' "$dir"/flat/*.json
     run "$pyrovox" convert "$dir/flat" "$dir/x5.h5"; says 1 "does not describe the .npy beside it" || return 1
     mkdir "$dir/bin" && cp "$pyrovox" "$dir/bin/" # without its modules

@@ -277,6 +277,75 @@ T_CASE(folder_of_npy_is_repaired)
     scratch_remove();
 }
 
+/* The number of volume k of a recording. */
+static uint64_t set_of(vol_reader *r, uint64_t k)
+{
+    struct vol_volume v = {.n_bricks = 0};
+    struct pvx_diag d = {""};
+    T_CHECK_(vol_reader_get(r, k, &v, &d) == PVX_OK, "%s", d.text);
+    return v.v.set;
+}
+
+T_CASE(folder_of_npy_is_read_by_number)
+{
+    struct pvp_start s = volumes_start(9, 8, 7, 1);
+    static const uint64_t sets[] = {7, 999999, 1000000, 2026112713451200001u};
+    struct pvx_diag d = {""};
+    vol_reader *r = NULL;
+    scratch_new();
+    vol_writer *w = begin(VOL_NPY, at("n[1]*"), &s); /* no pattern */
+    for (size_t k = 4; k-- > 0;)
+        put(w, &s, sets[k], 0.5);
+    finish(w);
+    T_EQ_I(pvx_file_write(at("n[1]*/._000007.npy"), "x", 1, NULL), PVX_OK); /* hidden */
+    T_CHECK_(vol_reader_open(at("n[1]*"), &r, &d) == PVX_OK, "%s", d.text);
+    for (uint64_t k = 0; k < 4 && r != NULL; k++)
+        T_EQ_I(set_of(r, k), sets[k]);
+    T_EQ_I(vol_reader_count(r), 4);
+    vol_reader_close(&r);
+    copy(at("n[1]*/000007.npy"), at("n[1]*/07.npy"), -1);
+    T_EQ_I(vol_reader_open(at("n[1]*"), &r, &d), PVX_EFORMAT);
+    T_CONTAINS(d.text, "have one number");
+    scratch_remove();
+}
+
+/* What `repair` puts aside is what cannot be read, and no more. */
+T_CASE(repair_and_reader_agree)
+{
+    struct pvp_start s = volumes_start(9, 8, 7, 1), other = volumes_start(9, 8, 7, 3);
+    struct pvx_diag d = {""}, d2 = {""};
+    uint64_t good, bad;
+    bool done;
+    vol_reader *r = NULL;
+    struct vol_volume v;
+    scratch_new();
+    vol_writer *w = begin(VOL_NPY, at("npy"), &s), *w2 = begin(VOL_NPY, at("other"), &other);
+    for (uint64_t k = 1; k <= 3; k++)
+        put(w, &s, k, 0.5);
+    put(w2, &other, 3, 0.5);
+    finish(w);
+    finish(w2);
+    copy(at("other/000003.npy"), at("npy/000001.npy"), -1); /* not as its .json says */
+    T_CHECK_(vol_reader_open(at("npy"), &r, &d) == PVX_OK, "%s", d.text);
+    T_EQ_I(vol_reader_get(r, 0, &v, &d), PVX_EFORMAT);
+    T_CONTAINS(d.text, "000001.json");
+    T_CONTAINS(d.text, "shape");
+    T_EQ_I(set_of(r, 1), 2);
+    vol_reader_close(&r);
+    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, NULL), PVX_OK);
+    T_OK(done && good == 2 && bad == 1);
+    copy(at("other/000003.npy"), at("npy/000003.npy"), -1); /* another recording's, whole */
+    copy(at("other/000003.json"), at("npy/000003.json"), -1);
+    d.text[0] = '\0';
+    T_EQ_I(vol_reader_open(at("npy"), &r, NULL), PVX_OK);
+    T_EQ_I(vol_reader_get(r, 1, &v, &d), PVX_ERANGE);
+    T_CONTAINS(d.text, "set 3");
+    vol_reader_close(&r);
+    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d2), PVX_ERANGE);
+    T_CONTAINS(d2.text, "000003.npy");
+    scratch_remove();
+}
+
 static void set_int(const char *path, const char *name, int64_t v)
 {
     hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT), a = H5Aopen(f, name, H5P_DEFAULT);

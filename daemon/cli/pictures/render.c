@@ -1,6 +1,5 @@
 /* render.c - `pyrovox render`: views of volumes from a camera of the rig, any place, or a turntable.
  * Writes one picture, or many (movie.h). */
-#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,6 +11,7 @@
 #include "daemon/cli/pictures/movie.h"
 #include "daemon/cli/pictures/strip.h"
 #include "daemon/pipeline/volume_file.h"
+#include "daemon/volumes/folder.h"
 #include "recon/view/render.h"
 #include "recon/view/room.h"
 
@@ -45,25 +45,16 @@ static pvx_err render_add(struct sources *s, const char *dir, const char *name)
     return PVX_OK;
 }
 
-static int is_volume(const struct dirent *entry)
-{
-    return render_ends_in(entry->d_name, ".npy");
-}
-
-/* All .npy of a folder, by name. */
+/* All .npy of a folder, by number. */
 static pvx_err render_add_folder(struct sources *s, const char *dir, struct pvx_diag *d)
 {
-    struct dirent **entry;
-    int n = scandir(dir, &entry, is_volume, alphasort);
-    if (n < 0)
-        return pvx_fail(d, PVX_EPERM, "%s: cannot be read", dir);
-    pvx_err e = n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volumes (.npy) in it", dir);
-    for (int i = 0; i < n; i++) {
-        if (e == PVX_OK)
-            e = render_add(s, dir, entry[i]->d_name);
-        free(entry[i]);
-    }
-    free(entry);
+    struct vol_folder f;
+    pvx_err e = vol_folder_list(dir, ".npy", &f, d);
+    if (e == PVX_OK && f.n == 0)
+        e = pvx_fail(d, PVX_ENOENT, "%s: no volumes (.npy) in it", dir);
+    for (size_t i = 0; i < f.n && e == PVX_OK; i++)
+        e = render_add(s, dir, f.name[i]);
+    vol_folder_free(&f);
     return e;
 }
 
