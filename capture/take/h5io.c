@@ -85,7 +85,10 @@ static hid_t text_type(const char *text)
 {
     hid_t t = H5Tcopy(H5T_C_S1);
     H5Tset_size(t, strlen(text) + 1);
-    H5Tset_cset(t, H5T_CSET_UTF8);
+    /* Octave reads nothing after the first text that is marked as UTF-8 */
+    for (const char *p = text; *p != '\0'; p++)
+        if ((unsigned char)*p > 0x7f)
+            H5Tset_cset(t, H5T_CSET_UTF8);
     return t;
 }
 

@@ -51,6 +51,14 @@ struct vol_tiles vol_tiles(const struct pvp_grid *g)
     return t;
 }
 
+bool vol_all_zero(const float *v, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (v[i] != 0)
+            return false;
+    return true;
+}
+
 uint64_t vol_hash(uint64_t before, uint32_t id, uint64_t h)
 {
     const uint64_t link[2] = {id, h};

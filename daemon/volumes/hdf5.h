@@ -42,6 +42,7 @@ struct vol_tiles {
     size_t floats; /* of a chunk */
 };
 struct vol_tiles vol_tiles(const struct pvp_grid *g);
+bool vol_all_zero(const float *v, size_t n);
 /* Chained hash of a set's chunks: adds chunk `id`, whose floats hash to h, to the hash `before` (0 for the first). */
 uint64_t vol_hash(uint64_t before, uint32_t id, uint64_t h);
 /* XXH3-64 of a row without its `check`, seeded with vol_hash of its chunks. */
@@ -49,9 +50,12 @@ uint64_t vol_row_check(const struct vol_column c[VOL_COLUMNS], const struct vol_
                        uint64_t seed);
 /* Reads the first n rows of a file that vol_hdf5_reader opened, as they are stored; `check` covers the chunks too. */
 bool vol_hdf5_rows(void *self, uint64_t n, struct vol_row *rows);
-/* Whether /emission is there and has filters, as volumes have; that of a joined file has none.  It is not opened, so
- * the place of its data is not looked at. */
+/* Whether /emission is there and has filters, as the recorder writes it.  That of a joined file has none, nor has what
+ * `h5repack -f NONE` made.  It is not opened, so the place of its data is not looked at. */
 bool vol_hdf5_filtered(hid_t file);
+/* Whether an /emission without filters can be opened.  The mapping of a joined file lies in the heap, which has no
+ * checksum, and libhdf5 (1.10.8) trusts it: where the heap is damaged, it searches for ever, or past the end. */
+bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
 /* Attributes, rig and configuration of a new file; not closed yet. */
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */

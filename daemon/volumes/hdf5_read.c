@@ -25,6 +25,7 @@ struct in {
     hid_t col[VOL_COLUMNS];
     struct pvp_start start;
     struct vol_tiles t;
+    bool chunked; /* as the recorder does it; else another program wrote it anew */
     uint32_t nb[3], n_bricks;
     uint64_t said, n_gaps; /* sets that the file claims; rows of gaps */
     char *rig, *config;
@@ -82,11 +83,27 @@ bool vol_hdf5_filtered(hid_t file)
            (about.hdr.mesg.present >> FILTERS & 1) != 0;
 }
 
-static pvx_err open_emission(struct in *r, uint64_t *sets, struct pvx_diag *d)
+/* Whether its data lie in this file, and whether its chunks are those of the recorder. */
+static bool look_at_layout(struct in *r)
+{
+    hsize_t side[VOL_RANK] = {0};
+    hid_t p = H5Dget_create_plist(r->emission);
+    H5D_layout_t layout = H5Pget_layout(p);
+    r->t = vol_tiles(&r->start.grid);
+    r->chunked = layout == H5D_CHUNKED && H5Pget_chunk(p, VOL_RANK, side) == VOL_RANK &&
+                 side[0] == 1 && side[1] == r->t.side[2] && side[2] == r->t.side[1] &&
+                 side[3] == r->t.side[0] && side[4] == r->start.grid.channels;
+    H5Pclose(p);
+    return layout != H5D_VIRTUAL;
+}
+
+static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struct pvx_diag *d)
 {
     struct pvp_grid *g = &r->start.grid;
     hsize_t n[VOL_RANK];
-    r->emission = vol_hdf5_filtered(r->file) ? H5Dopen2(r->file, "emission", H5P_DEFAULT) : -1;
+    r->emission = vol_hdf5_filtered(r->file) || vol_hdf5_heaps_end(r->path, bytes)
+                      ? H5Dopen2(r->file, "emission", H5P_DEFAULT)
+                      : -1;
     if (r->emission < 0)
         return hdf5_read_wrong(r, d, "no emission");
     hid_t type = H5Dget_type(r->emission), space = H5Dget_space(r->emission);
@@ -102,10 +119,10 @@ static pvx_err open_emission(struct in *r, uint64_t *sets, struct pvx_diag *d)
         return hdf5_read_wrong(r, d, "the shape of emission");
     g->channels = (uint32_t)n[4];
     *sets = n[0];
-    return PVX_OK;
+    return look_at_layout(r) ? PVX_OK : hdf5_read_wrong(r, d, "emission is in other files");
 }
 
-static pvx_err hdf5_read_read_head(struct in *r, bool *closed, struct pvx_diag *d)
+static pvx_err hdf5_read_read_head(struct in *r, uint64_t bytes, bool *closed, struct pvx_diag *d)
 {
     struct pvp_start *s = &r->start;
     int64_t version, is_closed = 0, cameras = 0;
@@ -124,7 +141,7 @@ static pvx_err hdf5_read_read_head(struct in *r, bool *closed, struct pvx_diag *
         return pvx_fail(d, PVX_EVERSION,
                         "%s: version %lld of the layout; this program reads %d: update it", r->path,
                         (long long)version, VOL_VERSION);
-    PVX_TRY(open_emission(r, &r->said, d));
+    PVX_TRY(open_emission(r, bytes, &r->said, d));
     r->rig = take_h5_get_text(r->file, "rig", true);
     r->config = take_h5_get_text(r->file, "config", true);
     bool ok = r->rig != NULL && r->config != NULL && get_triple(r->file, "origin", s->grid.min) &&
@@ -279,7 +296,7 @@ static void chunk_place(const struct in *r, uint32_t id, uint32_t at[3])
 static bool hdf5_read_is_there(const struct in *r, uint64_t k, const uint32_t at[3])
 {
     hsize_t from[VOL_RANK] = {k, at[2], at[1], at[0], 0}, bytes = 0;
-    return H5Dget_chunk_storage_size(r->emission, from, &bytes) >= 0 && bytes > 0;
+    return !r->chunked || (H5Dget_chunk_storage_size(r->emission, from, &bytes) >= 0 && bytes > 0);
 }
 
 /* Sort the bricks by id, with brick_at: their ids ascend along whole rows of bricks, but chunks do not. */
@@ -315,7 +332,12 @@ static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
         chunk_place(r, id, at);
         if (!hdf5_read_is_there(r, k, at))
             continue;
-        if (++found > row->chunks || !read_chunk(r, k, at) || !hdf5_read_scatter(r, at))
+        if (!read_chunk(r, k, at))
+            return PVX_ECORRUPT;
+        /* h5repack and h5copy also write the chunks that were not there, as zeros */
+        if (vol_all_zero(r->chunk, r->t.floats))
+            continue;
+        if (++found > row->chunks || !hdf5_read_scatter(r, at))
             return PVX_ECORRUPT;
         seed = vol_hash(seed, id, XXH3_64bits(r->chunk, r->t.floats * sizeof *r->chunk));
     }
@@ -418,10 +440,9 @@ static pvx_err hdf5_read_open_all(struct in *r, const char *path, uint64_t *coun
     r->file = take_h5_open(path);
     if (r->file < 0)
         return hdf5_read_wrong(r, d, "libhdf5 cannot open it");
-    PVX_TRY(hdf5_read_read_head(r, &closed, d));
+    PVX_TRY(hdf5_read_read_head(r, bytes, &closed, d));
     PVX_TRY(open_columns(r, d));
     PVX_TRY(hdf5_read_read_gaps(r, bytes, d));
-    r->t = vol_tiles(&r->start.grid);
     r->n_bricks = pvp_grid_bricks(&r->start.grid, r->nb);
     r->chunk = malloc(r->t.floats * sizeof *r->chunk);
     r->brick_at = malloc(r->n_bricks * sizeof *r->brick_at);

@@ -127,14 +127,6 @@ static pvx_err hdf5_write_grow(struct out *w, uint32_t chunks)
     return PVX_OK;
 }
 
-static bool hdf5_write_is_zero(const float *v, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        if (v[i] != 0)
-            return false;
-    return true;
-}
-
 /* Find the chunks that have flame and the places of their bricks. */
 static void hdf5_write_mark(struct out *w)
 {
@@ -142,7 +134,7 @@ static void hdf5_write_mark(struct out *w)
     memset(w->wanted, 0, w->t.all);
     for (uint32_t b = 0; b < w->v->n_bricks; b++) {
         uint32_t id = w->v->ids[b];
-        if (hdf5_write_is_zero(w->v->brick + b * cells, cells))
+        if (vol_all_zero(w->v->brick + b * cells, cells))
             continue;
         w->brick_at[id] = b;
         uint32_t x = id % w->nb[0] * B / w->t.side[0],

@@ -67,13 +67,15 @@ static bool heap_ends(const char *p, size_t n)
     return true;
 }
 
-/* The mapping lies in the heap, which has no checksum, and libhdf5 (1.10.8) trusts it: where the heap is damaged,
- * libhdf5 searches for ever, or past the end. */
-static bool heaps_end(const char *path, uint64_t bytes)
+#define HEAPS_MOST (UINT64_C(1) << 30) /* bytes: more than any joined file has */
+
+bool vol_hdf5_heaps_end(const char *path, uint64_t bytes)
 {
     static const char begin[5] = "GCOL\1";
     char *file, *p;
     size_t n;
+    if (bytes > HEAPS_MOST)
+        return true;
     if (pvx_file_read(path, bytes, &file, &n, NULL) != PVX_OK)
         return false;
     bool good = true;
@@ -83,11 +85,12 @@ static bool heaps_end(const char *path, uint64_t bytes)
     return good;
 }
 
-/* Whether the file is a joined one.  Only a file without volumes of its own is read as a whole (heaps_end). */
+/* Whether the file is a joined one.  Only a file without filters is read as a whole. */
 static bool is_virtual(hid_t file, const char *path, uint64_t bytes)
 {
     bool candidate = file >= 0 && !vol_hdf5_filtered(file) &&
-                     H5Lexists(file, "emission", H5P_DEFAULT) > 0 && heaps_end(path, bytes);
+                     H5Lexists(file, "emission", H5P_DEFAULT) > 0 && bytes <= HEAPS_MOST &&
+                     vol_hdf5_heaps_end(path, bytes);
     hid_t s = candidate ? H5Dopen2(file, "emission", H5P_DEFAULT) : -1;
     hid_t p = s >= 0 ? H5Dget_create_plist(s) : -1;
     bool yes = p >= 0 && H5Pget_layout(p) == H5D_VIRTUAL;

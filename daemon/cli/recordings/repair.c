@@ -40,8 +40,8 @@ static const struct argp argp = {
            "complete. The original stays beside it as FILE.cut-off. In a folder of .npy, .vdb or "
            ".nvdb files, damaged files are renamed to NAME.cut-off. The set before takes their "
            "numbers (vdb, nvdb), and the list of files is made again. Damaged volumes are left out "
-           "and counted. A recording that was closed in order and has no damaged file is not "
-           "changed.\n"
+           "and counted. A recording that was closed in order and has no damaged volume is "
+           "not changed.\n"
            "\n"
            "Pyrovox reads recordings that were cut off as they are. Other programs (h5py, MATLAB, "
            "ParaView) need finished HDF5 files. `pyrovox replay` reads takes of raw frames as they "
@@ -50,6 +50,21 @@ static const struct argp argp = {
            "Exit: 0 whole now, 1 failed, 130 stopped by Ctrl-C with FILE as it was.",
 };
 
+/* Read all volumes.  *bad: some are damaged. */
+static pvx_err repair_try(vol_reader *in, bool *bad, struct pvx_diag *d)
+{
+    uint64_t n = vol_reader_count(in);
+    *bad = false;
+    for (uint64_t k = 0; k < n && !cli_stop && !*bad; k++) {
+        struct vol_volume v;
+        pvx_err e = vol_reader_get(in, k, &v, d);
+        *bad = vol_damaged(e);
+        if (e != PVX_OK && !*bad)
+            return e;
+    }
+    return PVX_OK;
+}
+
 static pvx_err repair_copy(struct repair *r, vol_reader *in, vol_writer *out, struct pvx_diag *d)
 {
     uint64_t n = vol_reader_count(in);
@@ -57,7 +72,7 @@ static pvx_err repair_copy(struct repair *r, vol_reader *in, vol_writer *out, st
     for (uint64_t k = 0; k < n && !cli_stop; k++) {
         struct vol_volume v;
         pvx_err e = vol_reader_get(in, k, &v, NULL);
-        if (e == PVX_ECORRUPT) {
+        if (vol_damaged(e)) {
             r->bad++;
             continue;
         }
@@ -101,6 +116,32 @@ static pvx_err repair_finish(struct repair *r, vol_reader *in, struct pvx_diag *
     return e;
 }
 
+static pvx_err repair_hdf5(struct repair *r, vol_reader *in, bool *done, struct pvx_diag *d)
+{
+    struct pvx_diag one = {""};
+    bool joined = vol_joined_reader.is(r->file), bad = false;
+    pvx_err e = PVX_OK;
+    if (joined && vol_reader_unsolved(in) > 0)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: is made of parts; `pyrovox reconstruct --resume` makes what is "
+                        "missing",
+                        r->file);
+    if (joined || !vol_reader_cut(in))
+        e = repair_try(in, &bad, &one);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
+    if (joined && bad)
+        return pvx_fail(d, PVX_ECORRUPT,
+                        "%s; remove that part, and `pyrovox reconstruct --resume` makes it again",
+                        one.text);
+    *done = !joined && (bad || vol_reader_cut(in));
+    r->good = vol_reader_count(in);
+    if (!*done || cli_stop)
+        return PVX_OK;
+    r->good = 0;
+    return repair_finish(r, in, d);
+}
+
 static int repair_conclude(const struct repair *r, bool done)
 {
     struct stat st;
@@ -129,19 +170,10 @@ static int repair_run(int argc, char **argv)
     pvx_err e = strlen(r.file) < 1000
                     ? vol_reader_open(r.file, &in, &d)
                     : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
-    bool joined = e == PVX_OK && vol_joined_reader.is(r.file);
-    if (joined && vol_reader_unsolved(in) > 0)
-        e = pvx_fail(&d, PVX_EINVAL,
-                     "%s: is made of parts; `pyrovox reconstruct --resume` makes what is missing",
-                     r.file);
-    else if (e == PVX_OK && vol_reader_format(in) != VOL_HDF5) {
-        e = vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
-    } else if (e == PVX_OK && !joined && vol_reader_cut(in)) {
-        done = true;
-        e = repair_finish(&r, in, &d);
-    } else if (e == PVX_OK) {
-        r.good = vol_reader_count(in);
-    }
+    if (e == PVX_OK)
+        e = vol_reader_format(in) == VOL_HDF5
+                ? repair_hdf5(&r, in, &done, &d)
+                : vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
     vol_reader_close(&in);
     if (e != PVX_OK)
         return cli_error(&d, e);
