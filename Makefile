@@ -31,7 +31,7 @@ VERSION := $(shell awk '/^[0-9]/ { print $$1; exit }' NEWS)
 PARALLEL = $(MAKE) --no-print-directory -j$$(nproc)
 
 PKGS := aravis-0.8 libxml-2.0 zlib libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5 \
-  cairo libmicrohttpd gnutls libtiff-4 libpng
+  cairo libmicrohttpd gnutls libpng
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
 pkg_cflags = $(eval pkg_cflags := $$(shell pkg-config --cflags $(PKGS)))$(pkg_cflags)
 pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)
@@ -58,7 +58,8 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
 FILMS_SOURCES := $(addprefix capture/files/film_,apng.c pixels.c read.c)
-MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/reconstruct/ranks_mpi.c $(FILMS_SOURCES) proto/clients/example.c \
+MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/reconstruct/ranks_mpi.c $(FILMS_SOURCES) \
+  capture/files/tiff.c proto/clients/example.c \
   recon/view/example.c
 ifneq ($(shell $(CC) -dumpmachine 2> /dev/null | cut -d- -f1),x86_64)
 FOREIGN := %_avx2.c %_avx512.c

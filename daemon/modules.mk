@@ -1,28 +1,17 @@
-# The modules: each is a shared object of its own, loaded on first use.  C++, but for films and MPI.
+# The modules: each is a shared object of its own, loaded on first use.  C++, but for films, TIFF and MPI.
 MPI := $(shell pkg-config --exists ompi-c 2>/dev/null && echo 1)
 LIBCAMERA := $(shell pkg-config --exists libcamera 2>/dev/null && echo 1)
 OPENVDB := $(if $(wildcard /usr/include/openvdb/openvdb.h),$(wildcard /usr/include/nanovdb/NanoVDB.h))
-MODULES := films opencv aruco calib $(if $(LIBCAMERA),libcamera) $(if $(OPENVDB),openvdb) $(if $(MPI),mpi)
+MODULES := films tiff aruco calib $(if $(LIBCAMERA),libcamera) $(if $(OPENVDB),openvdb) $(if $(MPI),mpi)
 PLUGINS := $(patsubst %,$(B)/lib/pyrovox/pyrovox-%.so,$(MODULES))
 
 module_flags = -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(MODULE_INCLUDES) $(CXXFLAGS)
 module_ldflags = $(filter-out -fsanitize=%,$(LDFLAGS))
 $(PLUGINS): Makefile daemon/modules.mk
-$(filter-out %-films.so %-mpi.so,$(PLUGINS)):
+$(filter-out %-films.so %-tiff.so %-mpi.so,$(PLUGINS)):
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) $(module_flags) -shared $(module_ldflags) -o $@ $(filter %.cpp,$^) $(MODULE_LIBS)
-
-# Where fuzz targets see into it, it is instrumented as they are: by clang, too, whose run-time library is theirs.
-OPENCV := $(B)/lib/pyrovox/pyrovox-opencv.so
-ifneq ($(LIBFUZZER)$(COVERAGE),)
-$(OPENCV): CXX := clang++
-$(OPENCV): CXXFLAGS += $(INSTRUMENT) $(if $(SAN),-fno-sanitize=vptr)
-endif
-$(OPENCV): capture/files/opencv_shim.cpp capture/files/opencv_shim.h \
-  capture/source/guarded.hpp
-$(OPENCV): MODULE_INCLUDES = -I/usr/include/opencv4
-$(OPENCV): MODULE_LIBS = $(addprefix -lopencv_,core imgcodecs imgproc)
 
 ARUCO := $(B)/lib/pyrovox/pyrovox-aruco.so
 $(ARUCO): recon/board/aruco_shim.cpp recon/board/aruco_shim.h
@@ -58,3 +47,9 @@ $(FILMS): $(FILMS_SOURCES:%.c=$(B)/%.o)
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) $(module_ldflags) -o $@ $(filter %.o,$^) -lavformat -lavcodec -lavutil
+
+TIFF := $(B)/lib/pyrovox/pyrovox-tiff.so
+$(TIFF): $(B)/capture/files/tiff.o
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) $(module_ldflags) -o $@ $(filter %.o,$^) -ltiff

@@ -30,7 +30,7 @@ put() { # mode, source, target
 }
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
-for m in films opencv aruco calib libcamera openvdb mpi; do
+for m in films tiff aruco calib libcamera openvdb mpi; do
     if [ -n "$remove" ] || [ -f "$build/lib/pyrovox/pyrovox-$m.so" ]; then
         put 0644 "$build/lib/pyrovox/pyrovox-$m.so" "$lib/pyrovox/pyrovox-$m.so"
     fi

@@ -17,7 +17,7 @@ import sys
 import uuid
 
 # Headers that the modules include are in them, beside what they are linked with.
-SOURCES = {"pyrovox-opencv.so": "capture/files/*_shim.cpp", "pyrovox-films.so": "capture/files/film_*.c", "pyrovox-aruco.so": "recon/board/*_shim.cpp",
+SOURCES = {"pyrovox-tiff.so": "capture/files/tiff.c", "pyrovox-films.so": "capture/files/film_*.c", "pyrovox-aruco.so": "recon/board/*_shim.cpp",
            "pyrovox-calib.so": "recon/calib/shim.cpp", "pyrovox-libcamera.so": "capture/libcamera/shim.cpp",
            "pyrovox-openvdb.so": "daemon/volumes/*.cpp"}
 # Debian's names of licences -> SPDX's, where they are the same text.

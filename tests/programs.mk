@@ -21,6 +21,8 @@ $(UNIT): $(B)/tests/lib/main.o
 STABILITY_PROGRAMS := $(B)/tests/stability/stability $(B)/tests/sim/test_stability
 $(STABILITY_PROGRAMS): $(STABILITY)
 $(STABILITY_PROGRAMS) $(B)/tests/unit/test_resolution: LDLIBS += -llapacke
+# It also writes files.
+$(B)/tests/unit/test_tiff: LDLIBS += -ltiff
 # A V4L2 device that umockdev answers for.
 $(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/lib/mock_v4l2.o
 $(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0 2> /dev/null)
@@ -40,4 +42,4 @@ FUZZ_MAIN := $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o)
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(FUZZ_MAIN) $(LIBS)
 	$(call say,LD)
 	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
-$(B)/tests/fuzz/fuzz_pictures: | $(OPENCV) $(FILMS)
+$(B)/tests/fuzz/fuzz_pictures: | $(TIFF) $(FILMS)

@@ -14,41 +14,23 @@
 #include "base/mem.h"
 #include "base/module.h"
 #include "capture/files/npy.h"
-#include "capture/files/opencv_shim.h"
 #include "capture/files/picture.h"
 #include "capture/files/png.h"
 #include "capture/files/sequence.h"
 #include "capture/files/tiff.h"
 #include "capture/pixel/jpeg.h"
 
-/* ---- the OpenCV module: found and loaded once, never unloaded ----------------------------------- */
-
+/* The module of libtiff is found and loaded once, never unloaded. */
 static struct {
     pthread_once_t once;
-    const struct cap_cv *cv;
+    const struct cap_tiff *is;
     char why[PVX_DIAG_MAX]; /* why it could not be loaded */
 } module = {.once = PTHREAD_ONCE_INIT};
 
 static void imgio_find_module(void)
 {
-    module.cv = pvx_module_load("pyrovox-opencv.so", "cap_cv_module", CAP_CV_VERSION, module.why,
+    module.is = pvx_module_load("pyrovox-tiff.so", "cap_tiff_module", CAP_TIFF_VERSION, module.why,
                                 sizeof module.why);
-}
-
-static pvx_err imgio_need_module(const char *path, struct pvx_diag *d)
-{
-    pthread_once(&module.once, imgio_find_module);
-    if (module.cv != NULL)
-        return PVX_OK;
-    return pvx_fail(d, PVX_EUNSUP,
-                    "%s: image module cannot be loaded: %.500s; JPEG and .npy work without", path,
-                    module.why);
-}
-
-/* The module's error, with the file's name in front. */
-static pvx_err module_error(int e, const char *path, const char *err, struct pvx_diag *d)
-{
-    return e > 0 && e < PVX_N_ERR ? pvx_fail(d, (pvx_err)e, "%s: %s", path, err) : PVX_EIO;
 }
 
 /* ---- images ------------------------------------------------------------------------------------- */
@@ -123,7 +105,13 @@ static pvx_err from_tiff(const struct cap_bytes *b, const char *path, uint32_t p
                         "%s: has %u pages, where one picture is expected: save each page as a file "
                         "of its own",
                         path, pages);
-    return cap_tiff_load(b, path, at, &out->img, &out->mem, d);
+    pthread_once(&module.once, imgio_find_module);
+    if (module.is == NULL)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: the module of TIFF cannot be loaded: %.500s; PNG, JPEG and .npy work "
+                        "without",
+                        path, module.why);
+    return module.is->load(b, path, at, &out->img, &out->mem, d);
 }
 
 static pvx_err from_picture(const char *bytes, size_t len, const char *path, uint32_t page,

@@ -1,7 +1,5 @@
-/* imgio.h - images and arrays in files: PNG/TIFF (8, 16 bit, float) through OpenCV, films and animated PNG through FFmpeg, JPEG
- * by libjpeg-turbo, .npy float32/uint8/uint16 here.  OpenCV is a module that is loaded on first use
- * (pyrovox-opencv.so; base/module.h says where it is looked for).  Programs that need no image file start fast and
- * run without it.
+/* imgio.h - images and arrays in files: TIFF by libtiff (a module that is loaded on first use), PNG by libpng, JPEG by
+ * libjpeg-turbo, films and animated PNG through FFmpeg, .npy here.  README.md lists what a file may say of its samples.
  * Samples are linear, except those of JPEG files, which are gamma-coded (img.yuv).
  * Ownership: the caller owns cap_loaded and frees it with cap_loaded_free. */
 #ifndef CAP_IMGIO_H

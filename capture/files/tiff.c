@@ -405,8 +405,8 @@ static pvx_err tiff_load(struct tiff *t, uint64_t at, void **mem, struct pvx_dia
     return *mem == NULL ? PVX_ENOMEM : tiff_pixels(t, d);
 }
 
-pvx_err cap_tiff_load(const struct cap_bytes *b, const char *name, uint64_t at,
-                      struct cap_image *out, void **mem, struct pvx_diag *d)
+static pvx_err tiff_load_page(const struct cap_bytes *b, const char *name, uint64_t at,
+                              struct cap_image *out, void **mem, struct pvx_diag *d)
 {
     struct tiff t = {.b = b, .name = name, .out = out};
     *mem = NULL;
@@ -418,4 +418,10 @@ pvx_err cap_tiff_load(const struct cap_bytes *b, const char *name, uint64_t at,
     if (e != PVX_OK)
         PVX_FREE(*mem);
     return e;
+}
+
+const struct cap_tiff *cap_tiff_module(void)
+{
+    static const struct cap_tiff is = {CAP_TIFF_VERSION, tiff_load_page};
+    return &is;
 }

@@ -1,7 +1,7 @@
 /* tiff.h - pages of a TIFF or BigTIFF file; inside capture.
  *
  * A page is one full picture.  Thumbnails, smaller copies and masks (NewSubfileType 1 and 4, SubfileType 2) are no pages.
- * cap_tiff_load reads samples by libtiff.  What a tag changes in them is obeyed or refused: README.md has the list.
+ * The module reads samples by libtiff.  What a tag changes in them is obeyed or refused: README.md has the list.
  * Files in which one folder of tags stands for several pictures are refused: ImageJ's stacks above 4 GB, MetaMorph's.
  * Threads: pure.  Every offset is checked against the size of the file. */
 #ifndef CAP_TIFF_H
@@ -31,9 +31,17 @@ PVX_MUST_CHECK pvx_err cap_exif_upright(const void *bytes, size_t n, const char 
 PVX_MUST_CHECK pvx_err cap_tiff_pages(const struct cap_bytes *b, const char *name, uint32_t page,
                                       uint32_t *pages, uint64_t *at, struct pvx_diag *d);
 
-/* The page whose tags lie at `at`.  Integers of 1, 2, 4 and 8 bits become 8 bits, others up to 16 become 16, and
- * those of more a float: 2^bits - 1 is full scale.  Floats come as they are.  The caller owns *mem, free(); out->data
- * is in it. */
-PVX_MUST_CHECK pvx_err cap_tiff_load(const struct cap_bytes *b, const char *name, uint64_t at,
-                                     struct cap_image *out, void **mem, struct pvx_diag *d);
+#define CAP_TIFF_VERSION 1
+
+/* The module of libtiff (pyrovox-tiff.so), loaded on first use: base/module.h says where it is looked for. */
+struct cap_tiff {
+    int version;
+    /* The page whose tags lie at `at`.  Integers of 1, 2, 4 and 8 bits become 8 bits, others up to 16 become 16, and
+     * those of more a float: 2^bits - 1 is full scale.  Floats come as they are.  The caller owns *mem, free();
+     * out->data is in it. */
+    pvx_err (*load)(const struct cap_bytes *b, const char *name, uint64_t at, struct cap_image *out,
+                    void **mem, struct pvx_diag *d);
+};
+
+const struct cap_tiff *cap_tiff_module(void);
 #endif

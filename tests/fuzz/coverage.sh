@@ -20,7 +20,7 @@ for t in "$b"/tests/fuzz/fuzz_*; do
     [ ${#files[@]} -gt 0 ] || { echo "tests/fuzz/parsers.txt: $n is missing" >&2; exit 1; }
     but='^$'
     [[ $line != *' but '* ]] || but="^(.*:)?(${line##* but })\$"
-    llvm-cov-14 report "$t" -object "$b/lib/pyrovox/pyrovox-opencv.so" -object "$b/lib/pyrovox/pyrovox-films.so" -instr-profile="$b/fuzz/$n.profdata" -path-equivalence=.,"$PWD" -show-functions "${files[@]}" |
+    llvm-cov-14 report "$t" -object "$b/lib/pyrovox/pyrovox-tiff.so" -object "$b/lib/pyrovox/pyrovox-films.so" -instr-profile="$b/fuzz/$n.profdata" -path-equivalence=.,"$PWD" -show-functions "${files[@]}" |
         awk -v n="$n" -v inputs="$(sed -n 's/.*(\([0-9]*\) inputs.*/\1/p' "$b/fuzz/$n.log")" -v files="${files[*]}" -v but="$but" '
             $4 ~ /%$/ && $1 != "TOTAL" && $1 !~ but { lines += $5; no_line += $6; branches += $8; no_branch += $9 }
             END { gsub(" ", "` `", files)

@@ -70,7 +70,7 @@ for lib in {x for libs in loaded.values() for x in libs}:
         names.update({n: lib, re.sub("^/usr", "", n): lib, "/usr" + re.sub("^/usr", "", n): lib})
 owner = {names[n]: p.split(",")[0].split(":")[0] for p, n in (line.rsplit(": ", 1) for line in said("dpkg", "-S", *names).splitlines())}
 installed = dict(x.split("\t") for x in said("dpkg-query", "-W", "-f=${Package}\t${Version}\n", *set(owner.values())).splitlines())
-gpl = {"libx264-164", "libx265-199", "libcholmod3", "libspqr2", "libavcodec59"}
+gpl = {"libx264-164", "libx265-199", "libcholmod3", "libspqr2", "libavcodec59", "libjbig0"}
 for f in files.values():
     path = os.path.join(root, f["fileName"])
     got = {c["algorithm"]: c["checksumValue"] for c in f["checksums"]}
@@ -84,7 +84,7 @@ for f in files.values():
     assert loaded[f["fileName"]], path
     for lib in loaded[f["fileName"]]:
         assert owner[lib] in have and version[owner[lib]] == installed[owner[lib]], (path, lib, owner[lib])
-    may = f["fileName"].endswith(("/pyrovox-films.so", "/pyrovox-calib.so"))
+    may = f["fileName"].endswith(("/pyrovox-films.so", "/pyrovox-tiff.so", "/pyrovox-calib.so"))
     assert bool(have & gpl) == may, (path, have & gpl)
 PY
 }

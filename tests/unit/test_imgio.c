@@ -1,6 +1,7 @@
-/* test_imgio.c - images and arrays in files, through the OpenCV module and without. */
+/* test_imgio.c - images and arrays in files. */
 #include "../t.h"
 
+#include <png.h>
 #include <sys/stat.h>
 #include <turbojpeg.h>
 #include <unistd.h>
@@ -271,6 +272,245 @@ T_CASE(jpeg_files_are_whole)
     tjFree(b);
 }
 
+/* Says so, names the file, and leaves nothing. */
+static bool is_refused(const char *name, const char *says)
+{
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    pvx_err e = cap_image_load(at("%s", name), &l, &d);
+    bool good = e != PVX_OK && l.mem == NULL && strstr(d.text, name) != NULL &&
+                strstr(d.text, says) != NULL;
+    if (!good)
+        printf("  %d instead of \"%s\": %s\n", (int)e, says, d.text);
+    cap_loaded_free(&l);
+    return good;
+}
+
+/* EXIF data of one tag, which asks to turn the picture: TIFF in Intel's or Motorola's order. */
+static size_t exif_of(bool motorola, unsigned char orientation, unsigned char out[26])
+{
+    static const unsigned char intel[26] = "II*\0\x08\0\0\0\1\0\x12\1\3\0\1\0\0\0";
+    static const unsigned char big[26] = "MM\0*\0\0\0\x08\0\1\1\x12\0\3\0\0\0\1";
+    memcpy(out, motorola ? big : intel, 26);
+    out[motorola ? 19 : 18] = orientation;
+    return 26;
+}
+
+/* The segment behind the first marker of a JPEG. */
+static void write_jpeg(const char *name, const unsigned char *jpeg, size_t n, size_t leave_out,
+                       const char *segment, size_t size)
+{
+    char *b = malloc(n + size);
+    memcpy(b, jpeg, 2);
+    memcpy(b + 2, segment, size);
+    memcpy(b + 2 + size, jpeg + 2 + leave_out, n - 2 - leave_out);
+    T_EQ_I(pvx_file_write(at("%s", name), b, n + size - leave_out, NULL), PVX_OK);
+    free(b);
+}
+
+/* K of a rig holds for a picture as it is stored or as it is turned, never for both. */
+T_CASE(turned_jpegs_are_refused)
+{
+    struct cap_loaded l;
+    unsigned long n;
+    unsigned char *a = coded(TJSAMP_420, 0, &n);
+    char app1[36] = "\xFF\xE1\0\x22"
+                    "Exif\0";
+    for (int k = 0; k < 2; k++)
+        for (unsigned char o = 0; o <= 9; o++) {
+            exif_of(k, o, (unsigned char *)app1 + 10);
+            write_jpeg("turned.jpg", a, n, 0, app1, sizeof app1);
+            if (o > 1)
+                T_OK(is_refused("turned.jpg", "orientation tag"));
+            else
+                T_EQ_I(cap_image_load(at("turned.jpg"), &l, NULL), PVX_OK);
+            if (o <= 1)
+                cap_loaded_free(&l);
+        }
+    tjFree(a);
+}
+
+/* Three components are luma and chroma, or red, green and blue where Adobe's segment says so.  Four are inks. */
+T_CASE(jpeg_colours)
+{
+    struct cap_loaded l;
+    unsigned long n;
+    unsigned char *a = coded(TJSAMP_444, 0, &n), inks[16 * 16 * 4] = {0}, *c = NULL;
+    static unsigned char yuv[48 * 32 * 3];
+    write_jpeg("rgb.jpg", a, n, 18,
+               "\xFF\xEE\0\x0E"
+               "Adobe\0\x64\0\0\0\0\0",
+               16);
+    T_EQ_I(cap_image_load(at("rgb.jpg"), &l, NULL), PVX_OK);
+    tjhandle tj = tjInitDecompress();
+    T_EQ_I(tjDecompressToYUV2(tj, a, n, yuv, 48, 1, 32, TJFLAG_ACCURATEDCT), 0);
+    tjDestroy(tj);
+    int other = 0;
+    for (int i = 0; i < 48 * 32 * 3 && l.img.data != NULL; i++)
+        other += ((const uint8_t *)l.img.data)[i] != yuv[i % 3 * 48 * 32 + i / 3];
+    T_EQ_I(other, 0);
+    cap_loaded_free(&l);
+    tj = tjInitCompress();
+    T_EQ_I(tjCompress2(tj, inks, 16, 0, 16, TJPF_CMYK, &c, &n, TJSAMP_444, 90, 0), 0);
+    tjDestroy(tj);
+    write_jpeg("inks.jpg", c, n, 0, "", 0);
+    T_OK(is_refused("inks.jpg", "4 components"));
+    tjFree(a);
+    tjFree(c);
+}
+
+struct png_kind {
+    int colour, depth, interlace;
+    const char *chunk; /* one more */
+    const unsigned char *data;
+    size_t size;
+};
+
+/* Sample i of row y, all that the depth can say. */
+static unsigned png_truth(const struct png_kind *k, unsigned i, unsigned y)
+{
+    return (i * 2731 + y * 997) & ((1U << k->depth) - 1);
+}
+
+static void write_png(const char *name, const struct png_kind *k, int colours)
+{
+    enum { W = 13, H = 9 };
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, NULL, NULL);
+    png_infop info = png_create_info_struct(png);
+    FILE *f = fopen(at("%s", name), "wb");
+    png_color map[256];
+    static unsigned char rows[H][W * 8];
+    png_bytep row[H];
+    unsigned each = k->colour == 2 ? 3 : k->colour == 4 ? 2 : k->colour == 6 ? 4 : 1;
+    memset(rows, 0, sizeof rows);
+    for (unsigned y = 0; y < H; y++) {
+        row[y] = rows[y];
+        for (unsigned i = 0; i < W * each; i++)
+            for (unsigned b = 0; b < (unsigned)k->depth; b++)
+                if (png_truth(k, i, y) >> ((unsigned)k->depth - 1 - b) & 1)
+                    rows[y][(i * (unsigned)k->depth + b) / 8] |=
+                        (unsigned char)(0x80 >> (i * (unsigned)k->depth + b) % 8);
+    }
+    for (unsigned i = 0; i < 256; i++)
+        map[i] = (png_color){(png_byte)i, (png_byte)(255 - i), (png_byte)(i ^ 77)};
+    png_init_io(png, f);
+    png_set_IHDR(png, info, W, H, k->depth, k->colour, k->interlace, 0, 0);
+    if (k->colour == 3) {
+        png_set_PLTE(png, info, map, colours);
+        png_set_tRNS(png, info, rows[0], 2, NULL);
+    } else if (k->colour < 3) {
+        png_set_tRNS(png, info, NULL, 0, &(png_color_16){.gray = 1, .red = 1});
+    }
+    png_set_gAMA(png, info, 1 / 2.2);
+    png_write_info(png, info);
+    if (k->chunk != NULL)
+        png_write_chunk(png, (png_const_bytep)k->chunk, k->data, k->size);
+    png_set_interlace_handling(png);
+    png_set_benign_errors(png, 1);
+    png_write_image(png, row);
+    png_write_end(png, NULL);
+    png_destroy_write_struct(&png, &info);
+    fclose(f);
+}
+
+/* How many samples of the file are not what was written. */
+static int png_off(const char *name, const struct png_kind *k)
+{
+    struct cap_loaded l;
+    struct pvx_diag d = {""};
+    int wrong = 0, n = k->colour & 2 ? 3 : 1;
+    if (cap_image_load(at("%s", name), &l, &d) != PVX_OK || l.img.width != 13 ||
+        l.img.height != 9 || cap_pixfmt_channels(l.img.fmt) != n ||
+        cap_pixfmt_depth(l.img.fmt) != (k->depth == 16 ? 16 : 8)) {
+        printf("  %s\n", d.text);
+        return -1;
+    }
+    unsigned each = k->colour == 2 ? 3 : k->colour == 4 ? 2 : k->colour == 6 ? 4 : 1;
+    for (unsigned i = 0; i < 13 * 9 * (unsigned)n; i++) {
+        unsigned p = i / (unsigned)n, c = i % (unsigned)n;
+        unsigned v = png_truth(k, p % 13 * each + (k->colour == 3 ? 0 : c), p / 13);
+        if (k->colour == 3)
+            v = c == 0 ? v : c == 1 ? 255 - v : v ^ 77;
+        else if (k->depth < 8)
+            v = v * 255 / ((1U << k->depth) - 1);
+        wrong += v != (k->depth == 16 ? ((const uint16_t *)l.img.data)[i]
+                                      : ((const uint8_t *)l.img.data)[i]);
+    }
+    cap_loaded_free(&l);
+    return wrong;
+}
+
+T_CASE(png_of_every_kind)
+{
+    static const int colours[] = {0, 2, 3, 4, 6};
+    for (size_t c = 0; c < sizeof colours / sizeof colours[0]; c++)
+        for (int depth = colours[c] == 0 || colours[c] == 3 ? 1 : 8;
+             depth <= (colours[c] == 3 ? 8 : 16); depth *= 2)
+            for (int interlace = 0; interlace < 2; interlace++) {
+                const struct png_kind k = {
+                    .colour = colours[c], .depth = depth, .interlace = interlace};
+                write_png("kind.png", &k, 1 << depth);
+                T_EQ_I(png_off("kind.png", &k), 0);
+            }
+}
+
+T_CASE(png_refusals)
+{
+    unsigned char exif[26];
+    const struct png_kind map = {.colour = 3, .depth = 4},
+                          turned = {.depth = 8, .chunk = "eXIf", .data = exif, .size = 26},
+                          animated = {.depth = 8,
+                                      .chunk = "acTL",
+                                      .data = (const unsigned char *)"\0\0\0\3\0\0\0",
+                                      .size = 8},
+                          still = {.depth = 8,
+                                   .chunk = "acTL",
+                                   .data = (const unsigned char *)"\0\0\0\1\0\0\0",
+                                   .size = 8};
+    for (int k = 0; k < 2; k++) {
+        exif_of(k, 6, exif);
+        write_png("turned.png", &turned, 0);
+        T_OK(is_refused("turned.png", "orientation tag (6)"));
+    }
+    exif_of(true, 1, exif);
+    write_png("upright.png", &turned, 0);
+    T_EQ_I(png_off("upright.png", &turned), 0);
+    write_png("animated.png", &animated, 0);
+    T_OK(is_refused("animated.png", "has 3 pictures"));
+    write_png("still.png", &still, 0);
+    T_EQ_I(png_off("still.png", &still), 0);
+    write_png("map.png", &map, 15);
+    T_OK(is_refused("map.png", "colour that is not in its map"));
+}
+
+/* Any bit that is damaged, and any cut, is seen. */
+T_CASE(damaged_pngs)
+{
+    const struct png_kind k = {.colour = 2, .depth = 16};
+    char *b;
+    size_t n;
+    struct cap_loaded l;
+    int taken = 0;
+    write_png("whole.png", &k, 0);
+    T_EQ_I(pvx_file_read(at("whole.png"), 1 << 20, &b, &n, NULL), PVX_OK);
+    for (size_t i = 0; i < n; i++) {
+        FILE *f = fopen(at("cut.png"), "wb");
+        T_OK(fwrite(b, 1, i, f) == i);
+        fclose(f);
+        taken += cap_image_load(at("cut.png"), &l, NULL) == PVX_OK;
+        cap_loaded_free(&l);
+        b[i] = (char)(b[i] ^ 1 << i % 8);
+        f = fopen(at("bent.png"), "wb");
+        T_OK(fwrite(b, 1, n, f) == n);
+        fclose(f);
+        taken += cap_image_load(at("bent.png"), &l, NULL) == PVX_OK;
+        cap_loaded_free(&l);
+        b[i] = (char)(b[i] ^ 1 << i % 8);
+    }
+    T_EQ_I(taken, 0);
+    free(b);
+}
+
 /* Head of a PNG, of a TIFF (Intel's order, Motorola's, BigTIFF) that says it has that size, and little more. */
 static size_t head_of(int kind, uint32_t w, uint32_t h, uint8_t out[200])
 {
@@ -322,7 +562,7 @@ T_CASE(pictures_are_bounded)
     }
 }
 
-/* OpenCV would read a dozen more, by what is in the file. */
+/* Whatever the name says. */
 T_CASE(only_what_is_promised_is_read)
 {
     static const char bmp[] = "BM\x3a\0\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\1\0\0\0\1\0\0\0\1\0\x18"

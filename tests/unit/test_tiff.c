@@ -17,8 +17,9 @@ static unsigned truth(unsigned x, unsigned y, unsigned channel, unsigned page)
 
 struct kind {
     int photometric, samples, bits, planar, format, compression, tile, extra, orientation, type;
-    int rows, predictor;
-    bool big_endian, big;
+    int rows, predictor, fill;
+    bool big_endian, big, counts;
+    const char *text;
 };
 
 static void put_bits(unsigned char *p, size_t at, unsigned bits, uint64_t v)
@@ -42,6 +43,7 @@ static void put_sample(unsigned char *row, size_t i, const struct kind *k, unsig
     double f8 = (double)v / 65535;
     uint16_t half = half_of(f4);
     uint64_t most = (1ULL << k->bits % 64) - 1, u = (v * most + 32767) / 65535;
+    u = k->counts ? v >> 4 : u;
     u = k->photometric == PHOTOMETRIC_MINISWHITE ? most - u : u;
     uint16_t u2 = (uint16_t)u;
     uint32_t u4 = (uint32_t)u;
@@ -89,6 +91,10 @@ static void add_page(TIFF *t, const struct kind *k, unsigned page)
     TIFFSetField(t, TIFFTAG_COMPRESSION, k->compression > 0 ? k->compression : 1);
     if (k->predictor > 0)
         TIFFSetField(t, TIFFTAG_PREDICTOR, k->predictor);
+    if (k->fill > 0)
+        TIFFSetField(t, TIFFTAG_FILLORDER, k->fill);
+    if (k->text != NULL)
+        TIFFSetField(t, TIFFTAG_IMAGEDESCRIPTION, k->text);
     if (k->orientation > 0)
         TIFFSetField(t, TIFFTAG_ORIENTATION, k->orientation);
     if (k->type > 0)
@@ -263,8 +269,114 @@ T_CASE(what_is_obeyed)
         cap_loaded_free(&l);
     }
 }
+
+static bool is_refused(const char *name, const char *says, pvx_err want)
+{
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    pvx_err e = cap_image_load(at("%s", name), &l, &d);
+    bool good =
+        e == want && l.mem == NULL && strstr(d.text, name) != NULL && strstr(d.text, says) != NULL;
+    if (!good)
+        printf("  %d instead of \"%s\": %s\n", (int)e, says, d.text);
+    cap_loaded_free(&l);
+    return good;
+}
+
+T_CASE(what_is_refused)
+{
+    enum { WHITE = PHOTOMETRIC_MINISWHITE, BLACK = PHOTOMETRIC_MINISBLACK, RGB = PHOTOMETRIC_RGB };
+    static const struct {
+        struct kind k;
+        const char *says;
+    } bad[] = {
+        {{BLACK, 1, 16, .format = 2}, "signed integers"},
+        {{BLACK, 1, 64, .format = 6}, "complex numbers"},
+        {{BLACK, 1, 24, .format = 3}, "samples of 24 bits"},
+        {{BLACK, 1, 64, .rows = 3}, "samples of 64 bits"},
+        {{WHITE, 1, 32, .format = 3}, "smallest is white"},
+        {{PHOTOMETRIC_SEPARATED, 4, 8, .extra = -1}, "inks (CMYK)"},
+        {{PHOTOMETRIC_YCBCR, 3, 8, .extra = -1}, "YCbCr"},
+        {{PHOTOMETRIC_CIELAB, 3, 8, .extra = -1}, "L*a*b*"},
+        {{32803, 1, 16, .rows = 3}, "BayerRG16"},
+        {{34892, 3, 16, .extra = -1}, "LinearRaw"},
+        {{BLACK, 2, 8, .extra = 0}, "does not say what they are"},
+        {{BLACK, 3, 16, .extra = 0, .planar = 2}, "does not say what they are"},
+        {{BLACK, 3, 16, .extra = -1}, "does not say what they are"},
+        {{RGB, 3, 16, .orientation = 2}, "orientation tag (2)"},
+        {{BLACK, 1, 16, .orientation = 3}, "orientation tag (3)"},
+        {{BLACK, 1, 8, .orientation = 6, .big_endian = true}, "exiftool"},
+        {{BLACK, 1, 8, .orientation = 8, .big = true}, "orientation tag (8)"},
+        {{BLACK, 1, 8, .compression = COMPRESSION_JPEG}, "JPEG, with losses"},
+        {{BLACK, 1, 8, .fill = 2}, "FillOrder 2"},
+        {{BLACK, 1, 32, .counts = true}, "seem to be counts"},
+        {{BLACK, 1, 16, .text = "ImageJ=1.53t\nimages=4000\nslices=4000\n"}, "has 4000 pictures"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        write_tiff("kind.tif", &bad[i].k, 1);
+        T_OK(is_refused("kind.tif", bad[i].says, PVX_EUNSUP));
+    }
+}
+
+/* Gives the first entry of a tag another tag or value; of files in Intel's order. */
+static void retag(const char *name, unsigned tag, unsigned to, unsigned count, unsigned value)
+{
+    char *b;
+    size_t n;
+    uint32_t folder;
+    uint16_t entries, one;
+    T_EQ_I(pvx_file_read(at("%s", name), 1 << 20, &b, &n, NULL), PVX_OK);
+    memcpy(&folder, b + 4, 4);
+    memcpy(&entries, b + folder, 2);
+    for (char *p = b + folder + 2; entries-- > 0; p += 12) {
+        memcpy(&one, p, 2);
+        if (one == tag) {
+            memcpy(p, (uint16_t[1]){(uint16_t)to}, 2);
+            memcpy(p + 4, (uint32_t[2]){count, value}, 8);
+        }
+    }
+    T_EQ_I(pvx_file_write(at("%s", name), b, n, NULL), PVX_OK);
+    free(b);
+}
+
+/* Tags that no library writes this way. */
+T_CASE(strange_tags_are_refused)
+{
+    const struct kind grey = {.photometric = 1, .samples = 1, .bits = 16, .orientation = 1};
+    static const struct {
+        unsigned tag, to, count, value;
+        pvx_err e;
+        const char *says;
+    } bad[] = {{274, 291, 1, 1, PVX_EUNSUP, "GrayResponseCurve"},
+               {274, 532, 1, 1, PVX_EUNSUP, "ReferenceBlackWhite"},
+               {274, 33422, 1, 1, PVX_EUNSUP, "CFAPattern"},
+               {274, 50706, 1, 1, PVX_EUNSUP, "DNGVersion"},
+               {274, 317, 1, 2, PVX_EUNSUP, "Predictor"},
+               {274, 33629, 12, 2, PVX_EUNSUP, "has 12 pictures"},
+               {258, 258, 1, 12, PVX_EUNSUP, "take 480 bytes"},
+               {277, 277, 1, 3, PVX_ECORRUPT, "ByteCounts"},
+               {279, 279, 1, 479, PVX_ECORRUPT, "ByteCounts"},
+               {279, 1279, 1, 480, PVX_ECORRUPT, "ByteCounts"},
+               {262, 1262, 1, 1, PVX_ECORRUPT, "no samples"},
+               {262, 262, 1, 999, PVX_EUNSUP, "unknown (PhotometricInterpretation 999)"},
+               {339, 339, 1, 9, PVX_ECORRUPT, "SampleFormat"},
+               {273, 273, 1, 1 << 20, PVX_ECORRUPT, "damaged"},
+               {256, 256, 1, 0, PVX_ECORRUPT, "no size"},
+               {257, 257, 1, 13, PVX_ECORRUPT, "damaged"}};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        write_tiff("strange.tif", &grey, 1);
+        retag("strange.tif", bad[i].tag, bad[i].to, bad[i].count, bad[i].value);
+        T_OK(is_refused("strange.tif", bad[i].says, bad[i].e));
+    }
+}
 int main(void)
 {
+    char exe[200], lib[256];
+    if (pvx_exe_dir(exe, sizeof exe) != PVX_OK)
+        return 1;
+    snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
+    setenv("PYROVOX_LIBDIR", lib, 1);
+    TIFFSetWarningHandler(NULL); /* of what is written here */
     scratch_new();
     t_run();
     scratch_remove();
