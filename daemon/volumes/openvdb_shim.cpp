@@ -191,12 +191,13 @@ struct View : std::streambuf {
     }
 };
 
-/* io::File writes by itself and does not see a full disk. */
+/* io::File writes by itself and does not see a full disk.  Without grid offsets, readers take the grids in this order
+ * and not by name, so a program that shows the first one shows density. */
 struct Archive : openvdb::io::Archive {
     void put(std::ostream &os, const std::vector<GridBase::Ptr> &grids,
              const openvdb::MetaMap &meta) const
     {
-        openvdb::io::Archive::write(os, grids, true, meta);
+        openvdb::io::Archive::write(os, grids, false, meta);
     }
 };
 

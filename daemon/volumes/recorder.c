@@ -126,6 +126,7 @@ static void *recorder_write_all(void *ctx)
         pvx_err e = PVX_OK;
         if (!skip && r->writer != NULL)
             vol_writer_hurry(r->writer, hurry);
+        bool beyond = kind == VOLUME && vol_beyond(r->c.format, &i->v);
         if (!skip)
             e = recorder_carry_out(r, &i, &d);
         uint64_t bytes = r->bytes_before + (r->writer != NULL ? vol_writer_bytes(r->writer) : 0);
@@ -133,6 +134,7 @@ static void *recorder_write_all(void *ctx)
         r->st.queued -= taken;
         r->st.bytes = bytes;
         r->st.written += !skip && e == PVX_OK && kind == VOLUME;
+        r->st.clamped += !skip && e == PVX_OK && beyond;
         if (e != PVX_OK && r->st.error == PVX_OK) {
             r->st.error = e;
             r->st.why = d;

@@ -21,6 +21,7 @@ struct vol_recorder_config {
 struct vol_recorder_stats {
     uint64_t written, bytes;
     uint64_t left_out; /* the queue was full */
+    uint64_t clamped;  /* vol_beyond */
     size_t queued;     /* bytes */
     unsigned rolled;   /* recordings that continue an older one */
     pvx_err error;     /* why nothing more is written, PVX_OK = it goes on */

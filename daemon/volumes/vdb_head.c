@@ -65,6 +65,11 @@ static bool to_note(const char *type, uint32_t type_n, const char *p, uint32_t n
     } else if (vdb_head_is(type, type_n, "int64") && n == sizeof out->i) {
         out->kind = VOL_VDB_INT;
         memcpy(&out->i, p, n);
+    } else if (vdb_head_is(type, type_n, "int32") && n == sizeof(int32_t)) {
+        int32_t small; /* Python's openvdb writes numbers that fit as int32 */
+        memcpy(&small, p, n);
+        out->kind = VOL_VDB_INT;
+        out->i = small;
     } else if (vdb_head_is(type, type_n, "double") && n == sizeof out->x[0]) {
         out->kind = VOL_VDB_REAL;
         memcpy(out->x, p, n);

@@ -163,7 +163,9 @@ pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n, const char
     const struct vol_vdb_note *format = vdb_notes_find(note, n, "format"),
                               *version = vdb_notes_find(note, n, "version");
     if (format == NULL || strcmp(format->text, FORMAT) != 0 || version == NULL)
-        return pvx_fail(d, PVX_EFORMAT, "%s: not a volume that pyrovox wrote: metadata is missing",
+        return pvx_fail(d, PVX_EFORMAT,
+                        "%s: pyrovox's metadata are missing: another program wrote it, or wrote it "
+                        "anew without them (vdb_ax keeps them with --copy-file-metadata)",
                         name);
     if (version->i != VERSION)
         return pvx_fail(d, PVX_EVERSION,

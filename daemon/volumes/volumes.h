@@ -66,6 +66,12 @@ PVX_MUST_CHECK pvx_err vol_writer_open(enum vol_format f, const char *path,
 PVX_MUST_CHECK pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v,
                                       struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d);
+/* Whether a value of v is beyond what the format holds: +-65504 in a .vdb.  It is written as that, and the volume is
+ * marked as clamped. */
+bool vol_beyond(enum vol_format f, const struct vol_volume *v);
+#define VOL_CLAMPED_SAID                                                                           \
+    "pyrovox: %llu volumes have values beyond 65504, the most that a .vdb holds, and are clamped " \
+    "there; npy, hdf5 and nvdb keep them\n"
 /* on: volumes come faster than they are written, so compress less rather than lose some. */
 void vol_writer_hurry(vol_writer *w, bool on);
 uint64_t vol_writer_bytes(const vol_writer *w); /* on disk, so far */

@@ -1,6 +1,7 @@
 #include <errno.h>
 #include <libgen.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +27,10 @@ static const struct vol_writer_ops *const writers[VOL_FORMATS] = {
     [VOL_NVDB] = &vol_nvdb_writer,
 };
 
+#define MOST_HALF 65504.0F
+
 struct vol_writer {
+    enum vol_format format;
     const struct vol_writer_ops *ops;
     void *self;
     struct pvp_grid grid;
@@ -52,6 +56,7 @@ pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_he
         o = &defaults;
     snprintf(w->path, sizeof w->path, "%s", path);
     w->keep_free_bytes = o->keep_free_bytes;
+    w->format = f;
     w->ops = writers[f];
     w->grid = head->start.grid;
     pvx_err e = w->ops->open(&w->self, path, head, o, d);
@@ -107,6 +112,15 @@ static pvx_err writer_is_there(const vol_writer *w, struct pvx_diag *d)
                           w->path);
 }
 
+bool vol_beyond(enum vol_format f, const struct vol_volume *v)
+{
+    size_t n = (size_t)v->n_bricks * PVP_BRICK * PVP_BRICK * PVP_BRICK * v->v.grid.channels;
+    bool beyond = false;
+    for (size_t i = 0; i < n && f == VOL_VDB && !beyond; i++)
+        beyond = fabsf(v->brick[i]) > MOST_HALF;
+    return beyond;
+}
+
 pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
 {
     PVX_TRY(is_broken(w, d));
@@ -114,9 +128,11 @@ pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_dia
         return pvx_fail(d, PVX_ERANGE, "set %llu: its grid is not that of the recording",
                         (unsigned long long)v->v.set);
     struct pvx_diag own = {""}, gone = {""};
+    struct vol_volume put = *v;
+    put.clamped |= vol_beyond(w->format, v);
     pvx_err e = writer_has_room(w, v, &own);
     if (e == PVX_OK)
-        e = w->ops->put(w->self, v, &own);
+        e = w->ops->put(w->self, &put, &own);
     if (writer_is_there(w, &gone) != PVX_OK) { /* says more than the format's own error */
         e = PVX_EIO;
         own = gone;

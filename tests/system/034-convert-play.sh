@@ -69,7 +69,11 @@ centre = lambda v: [j["origin"][k] + (v[k] + 0.5) * j["spacing"][k] for k in ran
 for o in "", "--split", "--upy--unitcm", "--split--upy", "--unitcm":
     names = sorted(glob.glob(f"{d}/vdb{o}/*.vdb"))
     assert len(names) == 12, o
-    grids = {g.name: g for g in vdb.readAll(names[2])[0]}
+    assert vdb.readAllGridMetadata(names[2])[0].name == "density", o # what a program shows by itself
+    every, meta = vdb.readAll(names[2])
+    vdb.write(f"{d}/again{o}.vdb", every, meta) # numbers that fit become int32
+    vdb.write(f"{d}/bare.vdb", every)
+    grids = {g.name: g for g in every}
     assert set(grids) == {"density"} | ({"red", "green", "blue"} if "split" in o else {"emission"}), o
     unit, up = 100 if "cm" in o else 1, "upy" in o
     where = {}
@@ -85,6 +89,11 @@ for o in "", "--split", "--upy--unitcm", "--split--upy", "--unitcm":
             seen += 1
         assert seen == len(where), (o, name, seen)
 PY
+    mkdir "$dir/one" && cp "$dir"/made/000002.* "$dir/one"
+    for o in "" --split --upy--unitcm --split--upy --unitcm; do
+        convert "$dir/again$o.vdb" "$dir/again$o" --format npy && same 5e-4 "$dir/one" "$dir/again$o" || return 1
+    done
+    run "$pyrovox" convert "$dir/bare.vdb" "$dir/bare" --format npy; says 1 bare.vdb "metadata are missing" "copy-file-metadata"
 }
 check other_programs_find_each_voxel layouts
 
@@ -97,6 +106,21 @@ PY
     ! valid_nvdb "$dir/bad.nvdb" > /dev/null
 }
 check a_bad_nvdb_is_not_validated validates
+
+clamped() { # beyond what a half holds, and files without times
+    mkdir "$dir/bright" && "$py" - "$dir/made" "$dir/bright" <<'PY' || return 1
+import json, sys, numpy as np
+for s in 1, 2:
+    j = json.load(open(f"{sys.argv[1]}/00000{s}.json"))
+    json.dump({**j, "t_exposure_ns": 0}, open(f"{sys.argv[2]}/00000{s}.json", "w"))
+    np.save(f"{sys.argv[2]}/00000{s}.npy", np.load(f"{sys.argv[1]}/00000{s}.npy") * np.float32(1e9 if s == 2 else 1))
+PY
+    run "$pyrovox" convert "$dir/bright" "$dir/bright.vdb"; says 0 "1 volumes have values beyond 65504" || return 1
+    convert "$dir/bright.vdb" "$dir/bright-back" --format npy && grep -q '"clamped":true' "$dir/bright-back/000002.json" && grep -q '"clamped":false' "$dir/bright-back/000001.json" || return 1
+    run "$pyrovox" convert "$dir/bright" "$dir/bright.nvdb"; says 0 && [[ $out != *65504* ]] || return 1
+    run "$pyrovox" convert "$dir/bright" "$dir/timed.vdb" --fps 15; says 1 bright "no times" && [ ! -e "$dir/timed.vdb" ]
+}
+check clamped_values_and_missing_times_are_said clamped
 
 rate() { # 15 sets a second as 30 and as 5 files; which set each shows is listed
     convert "$dir/src.h5" "$dir/fast" --format vdb --fps 30 && convert "$dir/src.h5" "$dir/slow" --format nvdb --fps 5 || return 1

@@ -231,21 +231,25 @@ T_CASE(halves_are_finite) /* beyond what a half holds, beside the smallest */
 {
     struct volume_bed b;
     void *w = NULL;
+    vol_writer *all = NULL;
     struct vol_head head;
     struct vol_volume got;
     uint64_t count;
     bool cut;
     volume_bed_new(&b, 8, 8, 8, 1, 0);
     volume_bed_make(&b, 0, T0);
+    T_OK(!b.v.clamped && !vol_beyond(VOL_VDB, &b.v));
     b.brick[0] = 1e30f;
     b.brick[1] = -1e30f;
     b.brick[2] = 65519.9f;
     b.brick[3] = 0x1p-24f;
-    T_EQ_I(vol_vdb_writer.open(&w, at("big"), &b.head, &(struct vol_options){0}, &d), PVX_OK);
-    T_EQ_I(vol_vdb_writer.put(w, &b.v, &d), PVX_OK);
-    T_EQ_I(vol_vdb_writer.close(w, &d), PVX_OK);
+    T_OK(vol_beyond(VOL_VDB, &b.v) && !vol_beyond(VOL_NVDB, &b.v));
+    T_EQ_I(vol_writer_open(VOL_VDB, at("big"), &b.head, NULL, &all, &d), PVX_OK);
+    T_EQ_I(vol_writer_put(all, &b.v, &d), PVX_OK);
+    T_EQ_I(vol_writer_close(&all, &d), PVX_OK);
     if (vol_vdb_reader.open(&w, at("big/big_0001.vdb"), &head, &count, &cut, &d) == PVX_OK) {
         T_EQ_I(vol_vdb_reader.get(w, 0, &got, &d), PVX_OK);
+        T_OK(got.clamped);
         T_OK(got.brick[0] == 65504 && got.brick[1] == -65504 && got.brick[2] == 65504 &&
              got.brick[3] == 0x1p-24f);
         vol_vdb_reader.close(w);

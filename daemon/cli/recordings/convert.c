@@ -14,7 +14,7 @@ struct convert {
     int format; /* -1: from the name */
     int64_t from, to;
     struct vol_options o;
-    uint64_t written;
+    uint64_t written, clamped;
 };
 
 enum { OPT_FROM = 256, OPT_TO, OPT_UP, OPT_UNIT, OPT_SPLIT, OPT_FPS };
@@ -129,6 +129,23 @@ static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_write
     return PVX_OK;
 }
 
+/* --fps chooses files by times of exposure.  Pictures from a folder have none. */
+static pvx_err convert_timed(const struct convert *c, vol_reader *r, struct pvx_diag *d)
+{
+    struct vol_volume v;
+    if (!(c->o.fps > 0) || vol_reader_count(r) < 2)
+        return PVX_OK;
+    PVX_TRY(vol_reader_get(r, 0, &v, d));
+    int64_t first_ns = v.v.t_exposure_ns;
+    PVX_TRY(vol_reader_get(r, 1, &v, d));
+    return v.v.t_exposure_ns != first_ns
+               ? PVX_OK
+               : pvx_fail(d, PVX_EINVAL,
+                          "%s: its volumes have no times, so --fps cannot choose among them; "
+                          "without --fps each set is a file",
+                          c->in);
+}
+
 /* Copy the volumes.  *w is opened for the first one: without a volume no file is made. */
 static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
 {
@@ -146,6 +163,7 @@ static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, st
             PVX_TRY(copy_gaps(c, r, *w, &gap, v.v.set, d));
             PVX_TRY(vol_writer_put(*w, &v, d));
             c->written++;
+            c->clamped += vol_beyond((enum vol_format)c->format, &v);
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
@@ -176,6 +194,8 @@ static pvx_err convert_volumes(struct convert *c, struct pvx_diag *d)
     pvx_err e =
         vol_reader_count(r) > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", c->in);
     if (e == PVX_OK)
+        e = convert_timed(c, r, d);
+    if (e == PVX_OK)
         e = vol_writer_check((enum vol_format)c->format, c->out, d);
     if (e == PVX_OK)
         e = convert_copy(c, r, &w, d);
@@ -200,6 +220,8 @@ static int convert_run(int argc, char **argv)
     e = convert_volumes(&c, &d);
     if (e == PVX_OK || e == PVX_ECANCELED)
         printf("%llu volumes in %s\n", (unsigned long long)c.written, c.out);
+    if (c.clamped > 0)
+        fprintf(stderr, VOL_CLAMPED_SAID, (unsigned long long)c.clamped);
     return e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;
 }
 

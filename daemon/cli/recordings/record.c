@@ -335,6 +335,8 @@ static void record_conclude(const struct record *r, const struct vol_recorder_st
     if (st.malformed + r->unreadable > 0)
         fprintf(stderr, "pyrovox: %llu messages could not be read (another wire version?)\n",
                 (unsigned long long)st.malformed + r->unreadable);
+    if (rec->clamped > 0)
+        fprintf(stderr, VOL_CLAMPED_SAID, (unsigned long long)rec->clamped);
     char more[40] = "";
     if (rec->rolled > 0)
         snprintf(more, sizeof more, " and %u after it", rec->rolled);
