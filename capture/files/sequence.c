@@ -10,7 +10,9 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#define MAX_DIGITS 12 /* of a frame number */
+#define MAX_WIDTH 19 /* of a pattern: the digits of INT64_MAX */
+#define NONE      (-1)
+#define TOO_LARGE (-2) /* a number beyond INT64_MAX */
 
 /* The parts of "flame_%04d.png"; a plain folder has no pattern. */
 struct pattern {
@@ -53,8 +55,8 @@ static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_dia
     p->width = 0;
     if (*q == '0' && isdigit((unsigned char)q[1])) {
         p->width = (int)strtol(q, (char **)&q, 10);
-        if (p->width < 1 || p->width > MAX_DIGITS)
-            return pvx_fail(d, PVX_EINVAL, "%s: 1 to %d digits are possible", name, MAX_DIGITS);
+        if (p->width < 1 || p->width > MAX_WIDTH)
+            return pvx_fail(d, PVX_EINVAL, "%s: 1 to %d digits are possible", name, MAX_WIDTH);
     }
     if (*q != 'd' || strchr(q, '%') != NULL)
         return pvx_fail(d, PVX_EINVAL,
@@ -65,33 +67,34 @@ static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_dia
     return PVX_OK;
 }
 
-/* Number of n digits at s, or -1. */
+/* Number of n digits at s, NONE or TOO_LARGE. */
 static int64_t sequence_digits(const char *s, size_t n)
 {
-    int64_t v = 0;
-    if (n < 1 || n > MAX_DIGITS)
-        return -1;
+    int64_t v = n > 0 ? 0 : NONE;
     for (size_t i = 0; i < n; i++) {
         if (!isdigit((unsigned char)s[i]))
-            return -1;
-        v = v * 10 + (s[i] - '0');
+            return NONE;
+        if (v > (INT64_MAX - (s[i] - '0')) / 10)
+            v = TOO_LARGE;
+        if (v >= 0)
+            v = v * 10 + (s[i] - '0');
     }
     return v;
 }
 
 /* The number of a file whose name is exactly what printf gives for it: %06d gives neither "12" nor "0000012".
- * -1: there is none. */
+ * NONE: there is none.  TOO_LARGE. */
 static int64_t fits_pattern(const char *file, const char *name, const struct pattern *p)
 {
     size_t len = strlen(file);
     if (len <= p->prefix_len + p->suffix_len || strncmp(file, name, p->prefix_len) != 0 ||
         strcmp(file + len - p->suffix_len, p->suffix) != 0)
-        return -1;
+        return NONE;
     const char *s = file + p->prefix_len;
     size_t n = len - p->prefix_len - p->suffix_len;
     size_t least = p->width > 0 ? (size_t)p->width : 1;
     if (n < least || (n > least && s[0] == '0'))
-        return -1;
+        return NONE;
     return sequence_digits(s, n);
 }
 
@@ -109,8 +112,13 @@ static int64_t last_digits(const char *file)
 }
 
 static pvx_err sequence_add(struct cap_sequence *s, size_t *room, int64_t number, const char *dir,
-                            const char *file)
+                            const char *file, struct pvx_diag *d)
 {
+    if (number == TOO_LARGE)
+        return pvx_fail(d, PVX_ERANGE,
+                        "%s%s: its number is beyond %lld; the last run of digits in a file's name "
+                        "is its number",
+                        dir, file, (long long)INT64_MAX);
     if (s->n == *room) {
         size_t more = *room == 0 ? 64 : *room * 2;
         void *item = realloc(s->item, more * sizeof *s->item);
@@ -122,7 +130,13 @@ static pvx_err sequence_add(struct cap_sequence *s, size_t *room, int64_t number
     char *path;
     if (asprintf(&path, "%s%s", dir, file) < 0)
         return PVX_ENOMEM;
-    s->item[s->n++] = (struct cap_sequence_item){number, path};
+    if (number == NONE && s->unnumbered++ > 0) {
+        free(path);
+    } else if (number == NONE) {
+        s->first_unnumbered = path;
+    } else {
+        s->item[s->n++] = (struct cap_sequence_item){number, path};
+    }
     return PVX_OK;
 }
 
@@ -137,11 +151,10 @@ static pvx_err from_folder(const char *dir, const char *name, const struct patte
     pvx_err e = PVX_OK;
     struct dirent *f;
     while (e == PVX_OK && (f = readdir(h)) != NULL) {
-        int64_t number = p != NULL                 ? fits_pattern(f->d_name, name, p)
-                         : cap_is_image(f->d_name) ? last_digits(f->d_name)
-                                                   : -1;
-        if (number >= 0)
-            e = sequence_add(s, &room, number, dir, f->d_name);
+        int64_t number = p != NULL ? fits_pattern(f->d_name, name, p) : last_digits(f->d_name);
+        bool is = p != NULL ? number != NONE : cap_is_image(f->d_name);
+        if (is && f->d_name[0] != '.') /* hidden: macOS leaves ._1.png beside 1.png */
+            e = sequence_add(s, &room, number, dir, f->d_name, d);
     }
     closedir(h);
     return e;
@@ -160,9 +173,8 @@ static pvx_err from_glob(const char *name, struct cap_sequence *s, struct pvx_di
     pvx_err e = PVX_OK;
     for (size_t i = 0; e == PVX_OK && i < g.gl_pathc; i++) {
         const char *file = last_part(g.gl_pathv[i]);
-        int64_t number = cap_is_image(file) ? last_digits(file) : -1;
-        if (number >= 0)
-            e = sequence_add(s, &room, number, "", g.gl_pathv[i]);
+        if (cap_is_image(file) && *file != '.')
+            e = sequence_add(s, &room, last_digits(file), "", g.gl_pathv[i], d);
     }
     globfree(&g);
     return e;
@@ -184,7 +196,7 @@ static pvx_err sequence_find(const char *name, struct cap_sequence *s, struct pv
     if (there) { /* one image; its name may contain a * */
         size_t room = 0;
         int64_t number = last_digits(last);
-        return sequence_add(s, &room, number < 0 ? 0 : number, "", name);
+        return sequence_add(s, &room, number < 0 ? 0 : number, "", name, d);
     }
     if (strchr(last, '%') != NULL) {
         struct pattern p;
@@ -206,23 +218,68 @@ static int sequence_by_number(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
+/* How many characters from s on are digits.  *value: where they begin without zeros. */
+static size_t sequence_run(const char *s, const char **value, size_t *n)
+{
+    size_t all = strspn(s, "0123456789");
+    for (*value = s, *n = all; *n > 0 && **value == '0'; ++*value)
+        --*n;
+    return all;
+}
+
+/* Whether two names differ in their digits only, and the first digits that differ put a after b. */
+static bool sequence_backwards(const char *a, const char *b)
+{
+    int order = 0;
+    while (*a != '\0' && *b != '\0') {
+        const char *va, *vb;
+        size_t na, nb, ra = sequence_run(a, &va, &na), rb = sequence_run(b, &vb, &nb);
+        if (ra == 0 && (rb > 0 || *a++ != *b++))
+            return false;
+        if (order == 0 && ra > 0 && rb > 0)
+            order = na != nb ? (na > nb) - (na < nb) : strncmp(va, vb, na);
+        if (ra > 0 && rb == 0)
+            return false;
+        a += ra;
+        b += rb;
+    }
+    return order > 0 && *a == *b;
+}
+
+/* Refuse what a number alone does not tell: two files of one number, and names like 12-00-01.050 after 12-00-00.950,
+ * where the last run of digits starts again. */
+static pvx_err sequence_check(const struct cap_sequence *s, struct pvx_diag *d)
+{
+    for (size_t i = 1; i < s->n; i++) {
+        const char *a = s->item[i - 1].path, *b = s->item[i].path;
+        if (s->item[i].number == s->item[i - 1].number)
+            return pvx_fail(d, PVX_EINVAL,
+                            "%.300s and %.300s have the same frame number (the last run of digits "
+                            "in a file's name)",
+                            a, b);
+        if (sequence_backwards(last_part(a), last_part(b)))
+            return pvx_fail(d, PVX_EINVAL,
+                            "%.300s and %.300s: the last run of digits in a file's name is its "
+                            "number, but other digits in these names put them in another order; "
+                            "rename the files such that one number counts them",
+                            a, b);
+    }
+    return PVX_OK;
+}
+
 pvx_err cap_sequence_find(const char *name, struct cap_sequence *out, struct pvx_diag *d)
 {
     *out = (struct cap_sequence){0};
     pvx_err e = *name == '\0' ? pvx_fail(d, PVX_EINVAL, "files: needs a pattern, folder or file")
                               : sequence_find(name, out, d);
-    if (e == PVX_OK && out->n == 0)
-        e = pvx_fail(d, PVX_ENOENT, "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)",
-                     name);
-    if (e == PVX_OK)
-        qsort(out->item, out->n, sizeof *out->item, sequence_by_number);
-    for (size_t i = 1; e == PVX_OK && i < out->n; i++)
-        if (out->item[i].number == out->item[i - 1].number)
-            e = pvx_fail(d, PVX_EINVAL, "%.300s and %.300s have the same frame number",
-                         out->item[i - 1].path, out->item[i].path);
-    if (e != PVX_OK)
-        cap_sequence_free(out);
-    return e;
+    PVX_TRY(e);
+    if (out->n == 0)
+        return pvx_fail(d, PVX_ENOENT,
+                        "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)%s%s", name,
+                        out->unnumbered > 0 ? "; there is no number in the name of " : "",
+                        out->unnumbered > 0 ? last_part(out->first_unnumbered) : "");
+    qsort(out->item, out->n, sizeof *out->item, sequence_by_number);
+    return sequence_check(out, d);
 }
 
 void cap_sequence_free(struct cap_sequence *s)
@@ -230,5 +287,6 @@ void cap_sequence_free(struct cap_sequence *s)
     for (size_t i = 0; i < s->n; i++)
         free(s->item[i].path);
     free(s->item);
+    free(s->first_unnumbered);
     *s = (struct cap_sequence){0};
 }

@@ -4,7 +4,8 @@
  *   DIR/cam0            folder: all images in it          DIR/cam0/a*.png     glob (* ? [)
  *   DIR/flame.png       one image
  * Except with a pattern, a file's number is the last run of digits in its name without extension
- * (0 for one image without digits).  Missing numbers are gaps, not errors. */
+ * (0 for one image without digits).  Missing numbers are gaps, not errors.  Names that begin with a dot are passed
+ * over.  A file without a number is counted and left out. */
 #ifndef CAP_SEQUENCE_H
 #define CAP_SEQUENCE_H
 #include <stdbool.h>
@@ -18,10 +19,13 @@ struct cap_sequence {
         int64_t number;
         char *path;
     } * item; /* [n] by number, n >= 1 */
+    size_t unnumbered;
+    char *first_unnumbered; /* NULL: none */
 };
 
-/* Owner: caller, cap_sequence_free().  Errors: PVX_EINVAL (pattern; two files of one number),
- * PVX_ENOENT (no such folder, or no image fits), PVX_EPERM, PVX_ENOMEM. */
+/* Owner: caller, cap_sequence_free(), after an error too.  Errors: PVX_EINVAL (pattern; two files of one number; names
+ * whose other digits give another order), PVX_ERANGE (a number beyond INT64_MAX), PVX_ENOENT (no such folder, or no
+ * image fits), PVX_EPERM, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_sequence_find(const char *name, struct cap_sequence *out,
                                          struct pvx_diag *d);
 void cap_sequence_free(struct cap_sequence *s);

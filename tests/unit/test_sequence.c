@@ -43,7 +43,7 @@ static void fails(const char *what, pvx_err want, const char *part)
     struct pvx_diag d;
     T_EQ_I(find(what, &s, &d), want);
     T_CONTAINS(d.text, part);
-    T_OK(s.n == 0 && s.item == NULL);
+    cap_sequence_free(&s);
 }
 
 T_CASE(files_are_found_and_sorted)
@@ -79,12 +79,53 @@ T_CASE(folder_takes_images_only)
     scratch_remove();
 }
 
+/* Microseconds, dates, and nanoseconds; hidden files beside them. */
+T_CASE(numbers_have_64_bits)
+{
+    scratch_new();
+    touch("4294967295.png");
+    touch("4294967300.PNG");
+    touch("x202311021200.jpeg");
+    touch("00000000001700000000123456789.JPG");
+    touch("._4294967300.png");
+    numbers("", "4294967295 4294967300 202311021200 1700000000123456789");
+    touch("20231102120000123456.png");
+    fails("", PVX_ERANGE, "/20231102120000123456.png: its number is beyond 9223372036854775807");
+    scratch_remove();
+    scratch_new();
+    touch("._5.png");
+    fails("", PVX_ENOENT, "no numbered image");
+    fails("/.*.png", PVX_ENOENT, "no numbered image");
+    touch("flame.png");
+    fails("", PVX_ENOENT, "no number in the name of flame.png");
+    scratch_remove();
+}
+
+/* The last digits count within the others, or start again. */
+T_CASE(other_digits_do_not_contradict)
+{
+    scratch_new();
+    touch("120000950_8.png");
+    touch("120001050_9.png");
+    touch("120001150_10.png");
+    numbers("", "8 9 10");
+    scratch_remove();
+    scratch_new();
+    touch("12-00-00.950.png");
+    touch("12-00-01.050.png");
+    fails("", PVX_EINVAL, "12-00-00.950.png: the last run of digits");
+    scratch_remove();
+}
+
 T_CASE(bad_names_are_explained)
 {
     scratch_new();
     fails("", PVX_ENOENT, "no numbered image");
     touch("5.png");
     touch("a05.png");
+    fails("", PVX_EINVAL, "5.png have the same frame number");
+    T_EQ_I(unlink(at("a05.png")), 0);
+    touch("000005.TIF");
     fails("", PVX_EINVAL, "same frame number");
     fails("/nosuch", PVX_ENOENT, "no such file");
     fails("/nosuch/%06d.png", PVX_ENOENT, "No such file");
@@ -96,5 +137,6 @@ T_CASE(bad_names_are_explained)
     fails("/%099d.png", PVX_EINVAL, "digits");
     struct cap_sequence s;
     T_EQ_I(cap_sequence_find("", &s, NULL), PVX_EINVAL);
+    cap_sequence_free(&s);
     scratch_remove();
 }

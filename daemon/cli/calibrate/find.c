@@ -44,8 +44,10 @@ static pvx_err find_add_folder(struct calibrate_look *l, const char *dir, const 
     pvx_err e = cap_sequence_find(path, &s, d);
     if (e == PVX_ENOENT && d != NULL) /* the folder has no pictures */
         d->text[0] = '\0';
-    if (e != PVX_OK)
+    if (e != PVX_OK) {
+        cap_sequence_free(&s);
         return e == PVX_ENOENT ? PVX_OK : e;
+    }
     uint32_t c = (uint32_t)l->n_cameras;
     struct calibrate_picture *more = NULL;
     e = find_add_camera(l, dir, "a folder with pictures in it", name, d);
