@@ -77,10 +77,11 @@ static cJSON *volume_file_describe(const char *path, const struct dmn_volume_met
     cJSON_AddStringToObject(o, "basis", rec_basis_name(g->basis));
     cJSON_AddStringToObject(o, "units",
                             "emission per metre; 1.0 over 1 m is a pixel at full scale");
-    cJSON_AddNumberToObject(o, "frame", (double)m->frame);
-    char time[24]; /* as text: a double would lose nanoseconds */
-    snprintf(time, sizeof time, "%lld", (long long)m->time_ns);
-    cJSON_AddRawToObject(o, "time_ns", time);
+    char whole[24]; /* as text: a double would lose nanoseconds */
+    snprintf(whole, sizeof whole, "%lld", (long long)m->frame);
+    cJSON_AddRawToObject(o, "frame", whole);
+    snprintf(whole, sizeof whole, "%lld", (long long)m->time_ns);
+    cJSON_AddRawToObject(o, "time_ns", whole);
     cJSON_AddStringToObject(o, "clock", m->clock);
     if (m->report != NULL)
         dmn_report_to_json(cJSON_AddObjectToObject(o, "solver"), m->report);

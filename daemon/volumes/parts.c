@@ -46,7 +46,7 @@ static cJSON *ranges(const struct parts_job *j)
     for (size_t k = 0, n; k < j->n_sets; k += n) {
         for (n = 1; k + n < j->n_sets && j->number[k + n] == j->number[k] + n;)
             n++;
-        const double run[2] = {j->number[k], j->number[k + n - 1]};
+        const double run[2] = {(double)j->number[k], (double)j->number[k + n - 1]};
         cJSON_AddItemToArray(all, cJSON_CreateDoubleArray(run, 2));
     }
     return all;
@@ -77,27 +77,28 @@ static bool is_number(const cJSON *v, double lo, double hi)
 }
 
 /* The inverse of ranges; NULL: they are none, or not ascending. */
-static uint32_t *parts_numbers(const cJSON *all, size_t *n)
+static uint64_t *parts_numbers(const cJSON *all, size_t *n)
 {
     const cJSON *run;
     double last = -1, sets = 0;
     cJSON_ArrayForEach(run, all)
     {
         const cJSON *a = cJSON_GetArrayItem(run, 0), *b = cJSON_GetArrayItem(run, 1);
-        if (!is_number(a, last + 1, UINT32_MAX) || !is_number(b, a->valuedouble, UINT32_MAX))
+        if (!is_number(a, last + 1, PARTS_NUMBER_MAX) ||
+            !is_number(b, a->valuedouble, PARTS_NUMBER_MAX))
             return NULL;
         last = b->valuedouble;
         sets += b->valuedouble - a->valuedouble + 1;
     }
-    uint32_t *out = sets > 0 && sets < 1e8 ? malloc((size_t)sets * sizeof *out) : NULL;
+    uint64_t *out = sets > 0 && sets < 1e8 ? malloc((size_t)sets * sizeof *out) : NULL;
     *n = 0;
     if (out == NULL)
         return NULL;
     cJSON_ArrayForEach(run, all)
     {
-        uint32_t a = (uint32_t)cJSON_GetArrayItem(run, 0)->valuedouble;
-        uint32_t b = (uint32_t)cJSON_GetArrayItem(run, 1)->valuedouble;
-        for (uint32_t k = 0; k <= b - a; k++)
+        uint64_t a = (uint64_t)cJSON_GetArrayItem(run, 0)->valuedouble;
+        uint64_t b = (uint64_t)cJSON_GetArrayItem(run, 1)->valuedouble;
+        for (uint64_t k = 0; k <= b - a; k++)
             out[(*n)++] = a + k;
     }
     return out;
@@ -148,7 +149,7 @@ void parts_free(struct parts_job *j)
     free((char *)j->rig);
     free((char *)j->options);
     free((char *)j->software);
-    free((uint32_t *)j->number);
+    free((uint64_t *)j->number);
     *j = (struct parts_job){0};
 }
 
@@ -430,8 +431,8 @@ void part_say(part *p, enum part_state state, uint64_t done, const char *error)
     cJSON_AddNumberToObject(o, "sets", (double)p->sets);
     cJSON_AddNumberToObject(o, "done", (double)done);
     if (end > first) {
-        cJSON_AddNumberToObject(o, "first", p->job->number[first]);
-        cJSON_AddNumberToObject(o, "last", p->job->number[end - 1]);
+        cJSON_AddNumberToObject(o, "first", (double)p->job->number[first]);
+        cJSON_AddNumberToObject(o, "last", (double)p->job->number[end - 1]);
     }
     cJSON_AddNumberToObject(o, "sets_per_s",
                             (double)(done - p->before) / ((double)(now - p->t0 + 1) * 1e-9));

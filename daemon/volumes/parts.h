@@ -15,7 +15,8 @@
 #include <stdint.h>
 #include "base/err.h"
 
-#define PARTS_MAX 100000
+#define PARTS_MAX        100000
+#define PARTS_NUMBER_MAX (UINT64_C(1) << 53) /* job.json holds doubles */
 
 struct parts_job {
     const char *out;
@@ -23,7 +24,7 @@ struct parts_job {
     const char *rig; /* rig.yaml, and a line an option: the same in all */
     const char *options;
     const char *software;   /* the version that began it, if it was loaded */
-    const uint32_t *number; /* [n_sets] ascending */
+    const uint64_t *number; /* [n_sets] ascending, at most PARTS_NUMBER_MAX */
     size_t n_sets;
 };
 

@@ -10,7 +10,7 @@
 
 static char folder[] = "/dev/shm/fuzz_parts-XXXXXX", out[64], folder_of[80], job[128], status[128],
             lock[128];
-static const uint32_t numbers[] = {3, 4, 5, 9};
+static const uint64_t numbers[] = {3, 4, 5, 9};
 static const struct parts_job mine = {.out = out,
                                       .n = 1,
                                       .rig = "version: 1\n",

@@ -129,7 +129,11 @@ error_t cli_row(const struct cli_row *rows, int key, const char *text, struct ar
     case CLI_TEXT: *(const char **)at = text; break;
     case CLI_INT: *(int32_t *)at = (int32_t)arg_number(st, r, text); break;
     case CLI_UINT: *(uint32_t *)at = (uint32_t)arg_number(st, r, text); break;
-    case CLI_INT64: *(int64_t *)at = (int64_t)arg_number(st, r, text); break;
+    case CLI_INT64: /* not through a double */
+        *(int64_t *)at = r->hi > r->lo && strchr(r->arg, '|') == NULL
+                             ? cli_arg_whole(st, r->name, text, (int64_t)r->lo, (int64_t)r->hi)
+                             : (int64_t)arg_number(st, r, text);
+        break;
     case CLI_FLOAT: *(float *)at = (float)arg_number(st, r, text); break;
     case CLI_DOUBLE: *(double *)at = arg_number(st, r, text); break;
     case CLI_PIXFMT: *(enum cap_pixfmt *)at = cli_arg_pixfmt(st, text); break;

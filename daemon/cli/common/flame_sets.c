@@ -14,11 +14,12 @@ static const struct cli_row rows[] = {
     {"rig", "FILE", AT(rig), 0, 0, "rig.yaml: volume, camera poses and lenses"},
     {"cameras", "A,B,...", AT(cameras), 0, 0, "use these cameras only"},
     {"frames", "DIR|TAKE.h5", AT(frames), 0, 0,
-     "a recording of a flame: DIR/<camera>/<6 digits>.(npy|png|tif|jpg), or a take of raw frames"},
+     "a recording of a flame: a folder with a folder of pictures or a film for each camera, or a "
+     "take of raw frames"},
     {"sets", "N", AT(sets), REC_CHECK_SETS, 10000,
      "use N frame sets (default 60); of a longer recording runs of 10, spread over it"},
     {"background", "DIR", AT(background), 0, 0,
-     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame"},
+     "subtract DIR/<camera>.(npy|png|tif|jpg), an image of the scene without flame"},
     {"black", "X", AT(black), 0, 1e6,
      "black level, share of full scale (default 0), of floats in their own unit"},
     {"binning", "N", AT(binning), 1, 64,
@@ -94,7 +95,7 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
         float **at = s->picture[k];
         size_t i = taken(s, k);
         PVX_TRY(flame_sets_room(in, at, d));
-        s->number[k] = in->number[i];
+        s->number[k] = (uint64_t)in->number[i];
         uint64_t mask = frames_in_load(in, i, at);
         for (size_t c = 0; c < cams; c++) {
             float black = dmn_photometry_of(s->light, c) != NULL ? 0 : (float)s->a->black;
@@ -120,7 +121,7 @@ static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in
 {
     float *background[REC_MAX_CAMERAS] = {0};
     const struct flame_sets_args *a = s->a;
-    PVX_TRY(frames_in_open(in, a->frames, (uint32_t)a->first, (uint32_t)a->last, s->kinds, d));
+    PVX_TRY(frames_in_open(in, a->frames, a->first, a->last, s->kinds, d));
     s->there = in->n;
     s->nch = in->nch;
     s->floats = s->light != NULL;

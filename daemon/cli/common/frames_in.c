@@ -1,10 +1,12 @@
 #include "daemon/cli/common/frames_in.h"
 
+#include <dirent.h>
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
+#include <sys/stat.h>
 
 #include "base/clock.h"
 #include "base/file.h"
@@ -14,108 +16,173 @@
 #include "daemon/cli/common/take_notes.h"
 #include "daemon/volumes/volumes.h"
 
-#define PATH_ROOM 4300
-
-static const char *const exts[] = {"npy", "png", "tif", "tiff", "jpg"}; /* first one found wins */
-#define N_EXT (sizeof exts / sizeof exts[0])
-
 /* ---- finding the frames ---- */
 
 static bool there(const struct frames_in *f, size_t i, size_t c)
 {
-    size_t at = i * f->rig->n_cameras + c;
-    return f->take != NULL ? f->row[at] >= 0 : f->path[at] != NULL;
+    return f->row[i * f->rig->n_cameras + c] >= 0;
 }
 
-/* Name of a frame for messages: its path, or for a take its set and camera. */
+/* Name of a frame for messages: its file, or for a take its set and camera. */
 static const char *frames_in_name_of(const struct frames_in *f, size_t i, size_t c,
-                                     char room[PATH_ROOM])
+                                     char room[CAP_REEL_NAME])
 {
     if (f->take == NULL)
-        return f->path[i * f->rig->n_cameras + c];
-    snprintf(room, PATH_ROOM, "%s: set %u, camera %s", f->dir, f->number[i],
+        return cap_reel_name(&f->reel[c], (size_t)f->row[i * f->rig->n_cameras + c], room);
+    snprintf(room, CAP_REEL_NAME, "%s: set %lld, camera %s", f->dir, (long long)f->number[i],
              f->rig->cameras[c].name);
     return room;
 }
 
-static int frames_in_by_number(const void *a, const void *b)
-{
-    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
-    return x < y ? -1 : x > y;
-}
-
-/* Of the `all` numbers found, keep in number[] those from `first` to `last`, in order and each once. */
-static pvx_err frames_in_choose(struct frames_in *f, size_t all, uint32_t first, uint32_t last,
+/* Of the `all` sets found keep those from number `first` to `last`. */
+static pvx_err frames_in_choose(struct frames_in *f, size_t all, int64_t first, int64_t last,
                                 struct pvx_diag *d)
 {
-    qsort(f->number, all, sizeof *f->number, frames_in_by_number);
-    uint32_t least = f->number[0], most = f->number[all - 1];
-    for (size_t k = 0; k < all; k++)
-        if (f->number[k] >= first && f->number[k] <= last &&
-            (f->n == 0 || f->number[f->n - 1] != f->number[k]))
-            f->number[f->n++] = f->number[k];
+    size_t cams = f->rig->n_cameras, from = 0;
+    int64_t least = f->number[0], most = f->number[all - 1];
+    if (last >= FRAMES_IN_LAST)
+        last = INT64_MAX;
+    while (from < all && f->number[from] < first)
+        from++;
+    while (from + f->n < all && f->number[from + f->n] <= last)
+        f->n++;
+    memmove(f->number, f->number + from, f->n * sizeof *f->number);
+    memmove(f->row, f->row + from * cams, f->n * cams * sizeof *f->row);
+    if (f->t_ns != NULL)
+        memmove(f->t_ns, f->t_ns + from, f->n * sizeof *f->t_ns);
     return f->n > 0
                ? PVX_OK
-               : pvx_fail(d, PVX_ENOENT, "%s: no frames from %06u to %06u; it has %06u to %06u",
-                          f->dir, first, last, least, most);
+               : pvx_fail(d, PVX_ENOENT,
+                          "%s: no frames from %06lld to %06lld; it has %06lld to %06lld", f->dir,
+                          (long long)first, (long long)last, (long long)least, (long long)most);
 }
 
-/* Number of a file.  A number too large for uint32_t becomes UINT32_MAX, which no option can select. */
-static uint32_t frames_in_number_of(const struct cap_sequence_item *item)
+/* What the folder has beside the rig's cameras, for a camera that has nothing: its name may be misspelt. */
+static void frames_in_others(const struct frames_in *f, char *text, size_t size)
 {
-    return item->number > UINT32_MAX ? UINT32_MAX : (uint32_t)item->number;
+    struct dirent *e;
+    size_t n = 0;
+    bool pictures = false;
+    DIR *h = opendir(f->dir);
+    *text = '\0';
+    while (h != NULL && (e = readdir(h)) != NULL) {
+        char path[CAP_REEL_NAME], name[sizeof e->d_name];
+        struct stat st;
+        snprintf(path, sizeof path, "%s/%s", f->dir, e->d_name);
+        snprintf(name, sizeof name, "%s", e->d_name);
+        if (e->d_name[0] == '.' || stat(path, &st) != 0)
+            continue;
+        pictures = pictures || (!S_ISDIR(st.st_mode) && cap_is_image(name));
+        if (!S_ISDIR(st.st_mode) && cap_is_video(name))
+            *strrchr(name, '.') = '\0';
+        else if (!S_ISDIR(st.st_mode))
+            continue;
+        if (rec_rig_find(f->rig, name) < 0 && n++ < 3)
+            snprintf(text + strlen(text), size - strlen(text), "%s'%.60s'", n > 1 ? ", " : "",
+                     e->d_name);
+    }
+    if (h != NULL)
+        closedir(h);
+    if (n > 0)
+        snprintf(text + strlen(text), size - strlen(text),
+                 "%s in it belongs to no camera of the rig; is a name misspelt?",
+                 n > 3 ? " and more" : "");
+    else if (pictures)
+        snprintf(text, size, "the pictures that lie in it directly belong to no camera");
 }
 
-static size_t frames_in_place(const struct frames_in *f, uint32_t number)
+/* Say which cameras (bits of `none`) have nothing, or fail if all have. */
+static pvx_err frames_in_say_none(const struct frames_in *f, uint64_t none, struct pvx_diag *d)
 {
-    uint32_t *at = bsearch(&number, f->number, f->n, sizeof number, frames_in_by_number);
-    return at == NULL ? f->n : (size_t)(at - f->number);
+    size_t cams = f->rig->n_cameras, n = 0;
+    char text[400] = "", others[400];
+    for (size_t c = 0; c < cams; c++)
+        if (none >> c & 1 && n++ < 8)
+            snprintf(text + strlen(text), sizeof text - strlen(text), "%s%s", n > 1 ? ", " : "",
+                     f->rig->cameras[c].name);
+    if (n == 0)
+        return PVX_OK;
+    frames_in_others(f, others, sizeof others);
+    const char *more = n > 8 ? " and others" : "", *hint = *others != '\0' ? "; " : "";
+    if (n == cams)
+        return pvx_fail(
+            d, PVX_ENOENT,
+            "%s: no frames for the rig's cameras (%s%s): looked for a folder %s/%s with "
+            "numbered pictures or a film, and for %s.(mp4|avi|mkv|mov|tif)%s%s",
+            f->dir, text, more, f->dir, f->rig->cameras[0].name, f->rig->cameras[0].name, hint,
+            others);
+    fprintf(stderr, "pyrovox: %s: no frames of %s%s, missing in all sets%s%s\n", f->dir, text, more,
+            hint, others);
+    return PVX_OK;
 }
 
-static pvx_err scan_folder(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
+/* Find the frames of camera c.  *none: there are none. */
+static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, struct pvx_diag *d)
 {
-    size_t cams = f->rig->n_cameras, all = 0, k = 0;
-    struct cap_sequence *seq = pvx_calloc(cams * N_EXT, sizeof *seq);
-    if (seq == NULL)
+    const char *camera = f->rig->cameras[c].name;
+    char *path;
+    struct pvx_diag why = {""};
+    pvx_err e = cap_reel_of(f->dir, camera, &path, &why);
+    if (e == PVX_OK) {
+        e = cap_reel_open(path, &f->reel[c], &why);
+        free(path);
+        if (e == PVX_ENOENT)
+            fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&why, e));
+    }
+    if (e == PVX_ENOENT) {
+        *none |= UINT64_C(1) << c;
+        cap_reel_close(&f->reel[c]);
+        return PVX_OK;
+    }
+    if (e == PVX_OK && f->reel[c].left_out > 0)
+        fprintf(stderr, "pyrovox: camera %s: pictures without a number are left out: %s%s\n",
+                camera, f->reel[c].unnumbered, f->reel[c].left_out > 1 ? " and others" : "");
+    return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
+}
+
+/* Refuse what is no folder of cameras. */
+static pvx_err frames_in_is_folder(const char *dir, struct pvx_diag *d)
+{
+    struct stat st;
+    if (stat(dir, &st) != 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: no frames: %s", dir, strerror(errno));
+    if (!S_ISDIR(st.st_mode))
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: is %s: frames are in a take (TAKE.h5) or in a folder that has a "
+                        "folder, film or stack for each camera, DIR/<camera>.mp4",
+                        dir,
+                        cap_is_video(dir)   ? "one film"
+                        : cap_is_image(dir) ? "one picture file"
+                                            : "a file");
+    return PVX_OK;
+}
+
+static pvx_err scan_folder(struct frames_in *f, int64_t first, int64_t last, struct pvx_diag *d)
+{
+    size_t cams = f->rig->n_cameras;
+    uint64_t none = 0;
+    const char *name[REC_MAX_CAMERAS];
+    struct cap_pairs p;
+    PVX_TRY(frames_in_is_folder(f->dir, d));
+    if ((f->reel = pvx_calloc(cams, sizeof *f->reel)) == NULL)
         return PVX_ENOMEM;
-    for (size_t s = 0; s < cams * N_EXT; s++) {
-        char pattern[PATH_ROOM];
-        snprintf(pattern, sizeof pattern, "%s/%s/%%06d.%s", f->dir, f->rig->cameras[s / N_EXT].name,
-                 exts[s % N_EXT]);
-        if (cap_sequence_find(pattern, &seq[s], NULL) == PVX_OK)
-            all += seq[s].n; /* else that camera has none */
+    for (size_t c = 0; c < cams; c++) {
+        name[c] = f->rig->cameras[c].name;
+        PVX_TRY(frames_in_find(f, c, &none, d));
     }
-    pvx_err e =
-        all > 0
-            ? PVX_OK
-            : pvx_fail(d, PVX_ENOENT,
-                       "%s: no frames for the rig's cameras; looked for %s/%s/000000.(npy|png|tif)",
-                       f->dir, f->dir, f->rig->cameras[0].name);
-    if (e == PVX_OK && (f->number = pvx_calloc(all, sizeof *f->number)) == NULL)
-        e = PVX_ENOMEM;
-    for (size_t s = 0; s < cams * N_EXT && e == PVX_OK; s++)
-        for (size_t i = 0; i < seq[s].n; i++)
-            f->number[k++] = frames_in_number_of(&seq[s].item[i]);
-    if (e == PVX_OK)
-        e = frames_in_choose(f, all, first, last, d);
-    if (e == PVX_OK && (f->path = pvx_calloc(f->n * cams, sizeof *f->path)) == NULL)
-        e = PVX_ENOMEM;
-    for (size_t s = 0; s < cams * N_EXT; s++) {
-        for (size_t i = 0; i < seq[s].n && e == PVX_OK; i++) {
-            size_t at = frames_in_place(f, frames_in_number_of(&seq[s].item[i]));
-            char **path = at < f->n ? &f->path[at * cams + s / N_EXT] : NULL;
-            if (path == NULL || *path != NULL)
-                continue;
-            *path = seq[s].item[i].path;
-            seq[s].item[i].path = NULL;
-        }
-        cap_sequence_free(&seq[s]);
-    }
-    free(seq);
-    return e;
+    PVX_TRY(frames_in_say_none(f, none, d));
+    pvx_err e = cap_pairs_find(f->reel, name, cams, (enum cap_numbers)f->how.numbers,
+                               f->kinds == FRAMES_IN_EACH, &p, d);
+    for (char *rest = p.said, *line; (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+        fprintf(stderr, "pyrovox: %s: %s\n", f->dir, line);
+    free(p.said);
+    f->number = p.number;
+    f->t_ns = p.t_ns;
+    f->row = p.row;
+    return e == PVX_OK ? frames_in_choose(f, p.n, first, last, d) : e;
 }
 
-static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
+static pvx_err scan_take(struct frames_in *f, int64_t first, int64_t last, struct pvx_diag *d)
 {
     PVX_TRY(cap_take_open(f->dir, &f->take, d));
     uint64_t sets = cap_take_info(f->take)->sets;
@@ -132,22 +199,16 @@ static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, str
     if (cap_take_set(f->take, sets - 1, NULL)->number > FRAMES_IN_LAST)
         return pvx_fail(d, PVX_ERANGE, "%s: its sets' numbers are too large", f->dir);
     f->number = pvx_calloc(sets, sizeof *f->number);
-    if (f->number == NULL)
+    f->row = pvx_calloc(sets * cams, sizeof *f->row);
+    if (f->number == NULL || f->row == NULL)
         return PVX_ENOMEM;
-    for (uint64_t k = 0; k < sets; k++)
-        f->number[k] = (uint32_t)cap_take_set(f->take, k, NULL)->number;
-    PVX_TRY(frames_in_choose(f, sets, first, last, d));
-    f->row = pvx_calloc(f->n * cams, sizeof *f->row);
-    if (f->row == NULL)
-        return PVX_ENOMEM;
-    for (size_t i = 0; i < f->n; i++) {
+    for (uint64_t k = 0; k < sets; k++) {
         const int64_t *member;
-        int64_t k = cap_take_find_set(f->take, f->number[i]);
-        cap_take_set(f->take, (uint64_t)k, &member);
+        f->number[k] = (int64_t)cap_take_set(f->take, k, &member)->number;
         for (size_t c = 0; c < cams; c++)
-            f->row[i * cams + c] = f->take_camera[c] >= 0 ? member[f->take_camera[c]] : -1;
+            f->row[k * cams + c] = f->take_camera[c] >= 0 ? member[f->take_camera[c]] : -1;
     }
-    return PVX_OK;
+    return frames_in_choose(f, sets, first, last, d);
 }
 
 /* ---- one set ---- */
@@ -186,10 +247,11 @@ static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_l
 static pvx_err common_frames_in_load(const struct frames_in *f, size_t i, size_t c,
                                      struct cap_loaded *l, struct pvx_diag *d)
 {
-    char room[PATH_ROOM];
-    const char *name = frames_in_name_of(f, i, c, room);
-    PVX_TRY(f->take != NULL ? load_from_take(f, i, c, l, d) : cap_image_load(name, l, d));
-    return read_as(f, name, l, d);
+    char room[CAP_REEL_NAME];
+    PVX_TRY(f->take != NULL
+                ? load_from_take(f, i, c, l, d)
+                : cap_reel_load(&f->reel[c], (size_t)f->row[i * f->rig->n_cameras + c], l, d));
+    return read_as(f, frames_in_name_of(f, i, c, room), l, d);
 }
 
 static void load_piece(void *ctx, size_t c)
@@ -213,7 +275,7 @@ static void frames_in_load_set(struct frames_in *f, size_t i)
 static void frames_in_let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 {
     for (size_t c = 0; c < f->rig->n_cameras; c++) {
-        char room[PATH_ROOM];
+        char room[CAP_REEL_NAME];
         struct pvx_diag *why = &f->why[c];
         if (f->image[c] != NULL && !(mask >> c & 1))
             pvx_fail(why, PVX_EINVAL, "%s: %s", frames_in_name_of(f, f->at, c, room),
@@ -253,10 +315,11 @@ static pvx_err frames_in_next(void *ctx, struct dmn_slot *s)
     f->left--;
     frames_in_load_set(f, f->n - 1 - f->left);
     int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
-    s->set = f->number[f->at];
-    s->t_exposure_ns = s->spread_ns = 0;
+    s->set = (uint64_t)f->number[f->at];
+    s->t_exposure_ns = f->t_ns != NULL ? f->t_ns[f->at] : 0;
+    s->spread_ns = 0;
     if (f->take != NULL) {
-        int64_t k = cap_take_find_set(f->take, f->number[f->at]);
+        int64_t k = cap_take_find_set(f->take, (uint64_t)f->number[f->at]);
         const struct cap_take_set *set = cap_take_set(f->take, (uint64_t)k, NULL);
         s->t_exposure_ns = set->t_exposure_ns;
         s->spread_ns = set->spread_ns;
@@ -311,28 +374,42 @@ static pvx_err bin_some(struct frames_in *f, bool floats, const char *dir, float
     return e;
 }
 
-bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size)
+pvx_err frames_in_background_file(const char *dir, const char *camera, char *path, size_t size,
+                                  struct pvx_diag *d)
 {
-    static const char *const ext[] = {"npy", "tif", "tiff", "png"};
-    bool is = false;
-    for (size_t i = 0; i < sizeof ext / sizeof ext[0] && !is; i++) {
-        snprintf(path, size, "%s/%s.%s", dir, camera, ext[i]);
-        is = access(path, F_OK) == 0;
+    struct dirent *e;
+    size_t n = strlen(camera);
+    DIR *h = opendir(dir);
+    *path = '\0';
+    pvx_err r =
+        h != NULL ? PVX_OK : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
+    while (r == PVX_OK && (e = readdir(h)) != NULL) {
+        if (strncmp(e->d_name, camera, n) != 0 || strrchr(e->d_name, '.') != e->d_name + n ||
+            !cap_is_image(e->d_name))
+            continue;
+        if (*path != '\0')
+            r = pvx_fail(d, PVX_EINVAL, "%s and %s/%s: a camera has one background", path, dir,
+                         e->d_name);
+        else
+            snprintf(path, size, "%s/%s", dir, e->d_name);
     }
-    return is;
+    if (h != NULL)
+        closedir(h);
+    if (r == PVX_OK && *path == '\0')
+        r = pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|png|tif|jpg) for camera %s", dir,
+                     camera, camera);
+    return r;
 }
 
 pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, struct pvx_diag *d)
 {
-    char path[PATH_ROOM];
+    char path[CAP_REEL_NAME];
     pvx_err e = PVX_OK;
     size_t n = 0;
     for (; n < f->rig->n_cameras && e == PVX_OK; n++) {
         const char *name = f->rig->cameras[n].name;
         f->loaded[n] = (struct cap_loaded){0};
-        if (!frames_in_background_file(dir, name, path, sizeof path))
-            e = pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s",
-                         dir, name, name);
+        e = frames_in_background_file(dir, name, path, sizeof path, d);
         if (e == PVX_OK)
             e = pvx_file_check(path, d);
         if (e == PVX_OK)
@@ -511,7 +588,7 @@ static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
     return PVX_OK;
 }
 
-pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uint32_t last,
+pvx_err frames_in_open(struct frames_in *f, const char *dir, int64_t first, int64_t last,
                        enum frames_in_kinds kinds, struct pvx_diag *d)
 {
     f->dir = dir;
@@ -564,32 +641,29 @@ pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
 
 static uint64_t place_in_take(const struct frames_in *f, size_t i)
 {
-    return (uint64_t)cap_take_find_set(f->take, f->number[i]);
+    return (uint64_t)cap_take_find_set(f->take, (uint64_t)f->number[i]);
 }
 
 void frames_in_only(struct frames_in *f, size_t first, size_t end)
 {
     size_t cams = f->rig->n_cameras, n = end - first;
-    for (size_t i = 0; f->path != NULL && i < f->n * cams; i++)
-        if (i < first * cams || i >= end * cams)
-            PVX_FREE(f->path[i]);
     memmove(f->number, f->number + first, n * sizeof *f->number);
-    if (f->path != NULL)
-        memmove(f->path, f->path + first * cams, n * cams * sizeof *f->path);
-    if (f->take != NULL) {
-        memmove(f->row, f->row + first * cams, n * cams * sizeof *f->row);
+    memmove(f->row, f->row + first * cams, n * cams * sizeof *f->row);
+    if (f->t_ns != NULL)
+        memmove(f->t_ns, f->t_ns + first, n * sizeof *f->t_ns);
+    if (f->take != NULL)
         cap_take_only(f->take, place_in_take(f, 0), n > 0 ? place_in_take(f, n - 1) + 1 : 0);
-    }
     f->n = n;
 }
 
 void frames_in_close(struct frames_in *f)
 {
-    for (size_t i = 0; f->path != NULL && i < f->n * f->rig->n_cameras; i++)
-        free(f->path[i]);
-    PVX_FREE(f->path);
+    for (size_t c = 0; f->reel != NULL && c < f->rig->n_cameras; c++)
+        cap_reel_close(&f->reel[c]);
+    PVX_FREE(f->reel);
     PVX_FREE(f->row);
     PVX_FREE(f->number);
+    PVX_FREE(f->t_ns);
     cap_take_free(&f->take);
     dmn_images_free(&f->images);
 }

@@ -1,20 +1,24 @@
-/* frames_in.h - the offline source of the pipeline: recorded frames, from a folder
- * DIR/<camera name>/<frame number, 6 digits or more>.(npy|png|tif|tiff|jpg), or from a take of raw frames (FILE.h5).
- * Frames of a take have the numbers of their sets.
+/* frames_in.h - the offline source of the pipeline: recorded frames, from a folder or from a take of raw frames
+ * (FILE.h5).  The folder has, for each camera, one of
  *
+ *   DIR/<camera>/            numbered pictures, TIFF files of several pages, or one film (reel.h)
+ *   DIR/<camera>.(mp4|avi|mkv|mov)   DIR/<camera>.(tif|tiff)
+ *
+ * Pictures of one number form a set, frames of films those of one instant (pairs.h).  Frames of a take have the numbers
+ * of their sets.
  * A frame that a camera lacks is missing from its set.  A frame that cannot be used is reported on stderr
- * and is missing too.
+ * and is missing too.  So are a camera without frames, and what pairs.h finds.
  * Ownership: the struct is the caller's.  It must stay in its place while it is a source.  Threads: one. */
 #ifndef FRAMES_IN_H
 #define FRAMES_IN_H
 #include <stdatomic.h>
-#include "capture/files/imgio.h"
+#include "capture/files/pairs.h"
 #include "capture/take/take.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/pipeline/images.h"
 #include "daemon/pipeline/pipeline.h"
 
-#define FRAMES_IN_LAST (UINT32_MAX - 1) /* the largest frame number; 20 a second for 6 years */
+#define FRAMES_IN_LAST (INT64_MAX - 1023) /* no limit; a double can hold it */
 
 /* Grey pictures beside pictures with colour. */
 enum frames_in_kinds {
@@ -28,6 +32,7 @@ struct frames_in_reading {
     enum cap_pixfmt fmt; /* format as which grey files are read (cap_pixfmt_fits); NONE = grey */
     enum cap_transfer transfer;
     enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
+    int32_t numbers;        /* enum cap_numbers: what the numbers of pictures are */
 };
 
 /* Rows (arg.h) for the options of all commands that read recorded frames.  T is the command's struct, with the fields
@@ -41,6 +46,9 @@ struct frames_in_reading {
      "12 bits in 16 ..."},                                                                         \
     {"transfer", "auto|linear|srgb|bt709", CLI_AT(T, reading.transfer), 0, 0,                      \
      "how sample values represent light (auto: srgb for JPEG files, linear for all others)"},      \
+    {"numbers", CAP_NUMBERS, CLI_AT(T, reading.numbers), 0, 0,                                     \
+     "what the numbers of pictures are: count (default: one number, one set), or times of the "    \
+     "cameras' common clock in ms, us or ns, which are paired to half a frame period"},            \
     {"quiet", NULL, CLI_AT(T, quiet), 0, 0, "no progress"}
 #define FRAMES_IN_PHOTO_ROWS(T)                                                                    \
     {"threshold", "X|auto", CLI_AT(T, frame.photo.threshold), 0, 1e6,                              \
@@ -60,10 +68,11 @@ struct frames_in {
     const dmn_photometry *light; /* the rig's, borrowed; NULL = pictures as they are */
     double black;                /* only to check that the pictures can have it */
     size_t n;                    /* frame sets wanted */
-    uint32_t *number;            /* [n] ascending */
-    char **path;                 /* [n][cameras] NULL = that camera has no such frame */
-    cap_take *take;              /* instead of paths: */
-    int64_t *row;                /* [n][cameras] place among the take's frames, -1 = none */
+    int64_t *number;             /* [n] ascending */
+    int64_t *t_ns;               /* [n] of films and of numbers that are times; otherwise NULL */
+    int64_t *row;                /* [n][cameras] place among the camera's frames, -1 = none */
+    struct cap_reel *reel;       /* [cameras] */
+    cap_take *take;              /* instead */
     int take_camera[REC_MAX_CAMERAS];
     enum frames_in_kinds kinds;
     int nch; /* 1 or 3 */
@@ -83,9 +92,8 @@ struct frames_in {
  * each camera.
  * Errors: PVX_ENOENT (names the files that it looked for), those of the first image, PVX_EINVAL (pictures of two
  * kinds; a black level above full scale). */
-PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first,
-                                      uint32_t last, enum frames_in_kinds kinds,
-                                      struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, int64_t first,
+                                      int64_t last, enum frames_in_kinds kinds, struct pvx_diag *d);
 /* Check that a take has the cameras, exposures and gains that the rig's photometry was measured with.
  * PVX_EINVAL: it has others.  A folder does not contain them and always passes. */
 PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);
@@ -104,9 +112,10 @@ float *frames_in_room(const struct frames_in *f, size_t c);
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
 /* The same, into a frame that was reset. */
 uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame);
-/* Find DIR/<camera>.npy, .tif, .tiff or .png: the first that exists.  false: none exists. */
-bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size);
-/* Load DIR/<camera>.(npy|tif|tiff|png) of every camera, the first that exists.  A .npy of floats was written by
+/* Find DIR/<camera>.(npy|png|tif|tiff|jpg|jpeg).  PVX_ENOENT: there is none.  PVX_EINVAL: there are two. */
+PVX_MUST_CHECK pvx_err frames_in_background_file(const char *dir, const char *camera, char *path,
+                                                 size_t size, struct pvx_diag *d);
+/* Load that file of every camera.  A .npy of floats was written by
  * `calibrate background`: the rig's photometry is in it already.  Owner of each out[camera]: caller, free(),
  * after an error too. */
 PVX_MUST_CHECK pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out,

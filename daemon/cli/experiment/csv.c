@@ -56,7 +56,7 @@ static pvx_err csv_by_frame(const struct experiment *x, struct pvx_diag *d)
             const double *v = experiment_grid(x, g, i);
             if (v == NULL)
                 continue;
-            fprintf(c.f, "%d,%u", x->o->grids[g], x->in.number[x->set[i]]);
+            fprintf(c.f, "%d,%lld", x->o->grids[g], (long long)x->in.number[x->set[i]]);
             values(&c, v + EXPERIMENT_INSIDE);
             values(&c, v + EXPERIMENT_ALL);
             fprintf(c.f, ",%.4g,%.0f,%.0f\n", v[EXPERIMENT_MS], v[EXPERIMENT_VOXELS],

@@ -74,18 +74,19 @@ static void describe_files(const struct experiment *x, FILE *f)
 {
     long long bytes = 0, seconds = 0, newest = 0;
     struct stat st;
-    if (x->in.path == NULL && stat(x->o->frames, &st) == 0) {
+    if (x->in.take != NULL && stat(x->o->frames, &st) == 0) {
         bytes = st.st_size;
         newest = st.st_mtime;
     }
-    for (size_t i = 0; x->in.path != NULL && i < x->in.n * x->rig.n_cameras; i++)
-        if (x->in.path[i] != NULL && stat(x->in.path[i], &st) == 0) {
-            bytes += st.st_size;
-            seconds = st.st_mtime;
-            newest = seconds > newest ? seconds : newest;
-        }
-    fprintf(f, "recording: %zu sets, %06u to %06u, %lld bytes, %lld\n", x->in.n, x->in.number[0],
-            x->in.number[x->in.n - 1], bytes, newest);
+    for (size_t c = 0; x->in.reel != NULL && c < x->rig.n_cameras; c++)
+        for (size_t i = 0; i < x->in.reel[c].files; i++)
+            if (stat(x->in.reel[c].path[i], &st) == 0) {
+                bytes += st.st_size;
+                seconds = st.st_mtime;
+                newest = seconds > newest ? seconds : newest;
+            }
+    fprintf(f, "recording: %zu sets, %06lld to %06lld, %lld bytes, %lld\n", x->in.n,
+            (long long)x->in.number[0], (long long)x->in.number[x->in.n - 1], bytes, newest);
 }
 
 /* Describe everything on which the measurements depend. */

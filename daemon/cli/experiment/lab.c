@@ -90,9 +90,9 @@ pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size
     rec_frame_reset(l->frame);
     if (frames_in_load_frame(in, i, l->frame) != all)
         return pvx_fail(d, PVX_EIO,
-                        "frame %06u: a camera's picture cannot be used (see the error above); "
+                        "frame %06lld: a camera's picture cannot be used (see the error above); "
                         "repair or remove it, or leave the frame out with --first or --last",
-                        in->number[i]);
+                        (long long)in->number[i]);
     memcpy(l->raw, rec_frame_input(l->frame, 0), rows * (size_t)l->cs * sizeof *l->raw);
     lab_fill(l, all);
     memcpy(l->b, rec_frame_rhs(l->frame), rows * (size_t)l->cs * sizeof *l->b);

@@ -102,7 +102,7 @@ static bool measure_has(const struct experiment *x, const char *key)
 
 static void grid_key(const struct experiment *x, int g, size_t i, char *key, size_t size)
 {
-    snprintf(key, size, "grid:%d:%06u", x->o->grids[g], x->in.number[x->set[i]]);
+    snprintf(key, size, "grid:%d:%06lld", x->o->grids[g], (long long)x->in.number[x->set[i]]);
 }
 
 const double *experiment_grid(const struct experiment *x, int g, size_t i)

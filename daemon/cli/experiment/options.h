@@ -13,7 +13,8 @@ struct experiment_options {
     int32_t grids[EXPERIMENT_GRIDS];   /* ascending: voxels along the longest side */
     int n_grids;
     int32_t grid; /* of the experiments on one frame */
-    uint32_t first, last, frames_max;
+    int64_t first, last;
+    uint32_t frames_max;
     struct rec_frame_params frame;
     struct frames_in_reading reading;
     bool grey, anew, quiet;

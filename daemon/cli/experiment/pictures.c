@@ -109,7 +109,8 @@ static pvx_err figure4(struct experiment *x, struct experiment_lab *l, double *v
     pictures_path_of(x, "fig4.png", path, sizeof path);
     pvx_err e = hull_picture_new(l->S, &l->rig, l->nch, x->params.hull.min_views, x->pool, &h);
     if (e == PVX_OK)
-        e = hull_picture_save(h, l->frame, present, x->in.number[x->set[x->one]], path, d);
+        e = hull_picture_save(h, l->frame, present, (uint64_t)x->in.number[x->set[x->one]], path,
+                              d);
     hull_picture_free(&h);
     return e;
 }
@@ -234,8 +235,8 @@ static pvx_err figure8(struct experiment *x, struct experiment_lab *l, double *v
                        struct pvx_diag *d)
 {
     size_t other = (x->one + (x->sets + 1) / 2) % x->sets;
-    v[0] = x->in.number[x->set[x->one]];
-    v[1] = x->in.number[x->set[other]];
+    v[0] = (double)x->in.number[x->set[x->one]];
+    v[1] = (double)x->in.number[x->set[other]];
     PVX_TRY(flame(x, l, other, "fig8-other.png", d));
     return flame(x, l, x->one, "fig8.png", d);
 }

@@ -124,7 +124,7 @@ static pvx_err experiment_by_frame(const struct page *p)
     for (size_t g = 0; g < grids; g++) {
         for (size_t i = 0; i < n; i++) {
             const double *u = experiment_grid(x, (int)g, i);
-            v[i] = x->in.number[x->set[i]];
+            v[i] = (double)x->in.number[x->set[i]];
             v[(g + 1) * n + i] =
                 u != NULL && u[EXPERIMENT_VOXELS] > 0 ? experiment_over_channels(x, u) : NAN;
         }
@@ -273,11 +273,12 @@ static void experiment_head(const struct page *p)
             x->rig.n_cameras, x->sets, x->in.n, x->matrix.binning,
             rec_basis_name(x->rig.grid.basis));
     html_text(p->f, x->rig.cameras[x->unused].name);
-    fprintf(p->f,
-            "</b>, compared with what it saw; experiments on one frame: frame %u, %d voxels along "
-            "the longest side. Differences are means of |picture - model|, full scale 255, over "
-            "the bins in which the model shows light.</p>\n",
-            x->in.number[x->set[x->one]], x->o->grid);
+    fprintf(
+        p->f,
+        "</b>, compared with what it saw; experiments on one frame: frame %lld, %d voxels along "
+        "the longest side. Differences are means of |picture - model|, full scale 255, over "
+        "the bins in which the model shows light.</p>\n",
+        (long long)x->in.number[x->set[x->one]], x->o->grid);
 }
 
 static void summary(const struct page *p)

@@ -331,13 +331,13 @@ static int32_t hull_picture_count(struct paint *p, int32_t x, struct paint_rgb c
 }
 
 static void headline(const hull_picture *h, struct paint *p, const struct rec_hull_counts *k,
-                     uint32_t number)
+                     uint64_t number)
 {
     const struct rec_grid *g = &h->S->grid;
     char text[96];
     int64_t all = k->inside + k->partial + k->outside;
-    snprintf(text, sizeof text, "frame %06u: %dx%dx%d voxels, %s", number, g->n[0], g->n[1],
-             g->n[2], rec_basis_name(g->basis));
+    snprintf(text, sizeof text, "frame %06llu: %dx%dx%d voxels, %s", (unsigned long long)number,
+             g->n[0], g->n[1], g->n[2], rec_basis_name(g->basis));
     int32_t x = GAP + paint_text(p, GAP, 9, 2, ink, text) + 36;
     x = hull_picture_count(p, x, inside, "inside", k->inside, all);
     x = hull_picture_count(p, x, partial, "partly", k->partial, all);
@@ -384,7 +384,7 @@ static void hull_picture_classify(hull_picture *h, const rec_frame *f, const boo
         middle[a] = kept.n > 0 ? (int32_t)lrint(sum[a] / kept.n) : h->S->grid.n[a] / 2;
 }
 
-pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *present, uint32_t number,
+pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *present, uint64_t number,
                           const char *path, struct pvx_diag *d)
 {
     struct rec_hull_counts counts;

@@ -15,6 +15,6 @@ void hull_picture_free(hull_picture **h);
 
 /* Draw a carved frame and save it as .png.  present[c]: the frame has a picture of camera c.  Errors: the file's. */
 PVX_MUST_CHECK pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *present,
-                                         uint32_t number, const char *path, struct pvx_diag *d);
+                                         uint64_t number, const char *path, struct pvx_diag *d);
 
 #endif

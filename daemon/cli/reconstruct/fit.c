@@ -90,10 +90,11 @@ static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_l
                         struct pvx_diag *d)
 {
     if (with_light == 0)
-        return pvx_fail(d, PVX_ENOENT,
-                        "--fit-volume: no flame in any of the %u frame sets from %06u to %06u; is "
-                        "--threshold too high, or --black or --background brighter than the flame?",
-                        sets, in->number[0], in->number[in->n - 1]);
+        return pvx_fail(
+            d, PVX_ENOENT,
+            "--fit-volume: no flame in any of the %u frame sets from %06lld to %06lld; is "
+            "--threshold too high, or --black or --background brighter than the flame?",
+            sets, (long long)in->number[0], (long long)in->number[in->n - 1]);
     return pvx_fail(d, PVX_ENOENT,
                     "--fit-volume: %zu of %u frame sets have light, but the silhouettes of all "
                     "cameras meet nowhere in the rig's box; is the calibration right (a larger "

@@ -165,10 +165,7 @@ static pvx_err reconstruct_join_join(const struct parts_job *j, size_t *missing,
     char path[4500];
     size_t n = 0;
     const char **file = pvx_calloc(j->n, sizeof *file);
-    uint64_t *number = pvx_calloc(j->n_sets, sizeof *number);
-    pvx_err e = file != NULL && number != NULL ? PVX_OK : PVX_ENOMEM;
-    for (size_t k = 0; k < j->n_sets && e == PVX_OK; k++)
-        number[k] = j->number[k];
+    pvx_err e = file != NULL ? PVX_OK : PVX_ENOMEM;
     for (unsigned i = 1; i <= j->n && e == PVX_OK; i++) {
         parts_path(j, i, "h5", path, sizeof path);
         if (access(path, R_OK) != 0)
@@ -177,13 +174,12 @@ static pvx_err reconstruct_join_join(const struct parts_job *j, size_t *missing,
         e = file[n++] != NULL ? PVX_OK : PVX_ENOMEM;
     }
     const struct vol_join what = {
-        .out = j->out, .part = file, .n_parts = n, .number = number, .n = j->n_sets};
+        .out = j->out, .part = file, .n_parts = n, .number = j->number, .n = j->n_sets};
     if (e == PVX_OK)
         e = vol_join(&what, missing, d);
     for (size_t k = 0; file != NULL && k < n; k++)
         free((char *)file[k]);
     free(file);
-    free(number);
     return e;
 }
 

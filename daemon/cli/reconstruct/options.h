@@ -15,7 +15,7 @@ struct reconstruct_options {
     uint32_t fit_frames;   /* frame sets to look at; 0 = all */
     const char *save_rig;  /* or NULL */
     struct rec_frame_params frame;
-    uint32_t first, last;
+    int64_t first, last;
     double deadline_ms; /* 0 = none */
     bool grey, warm, quiet, no_hull;
     bool stop_said;       /* --stop */

@@ -35,7 +35,7 @@ static pvx_err hash_background(const char *dir, const struct rec_rig *rig, uint6
     for (size_t c = 0; c < rig->n_cameras && dir != NULL; c++) {
         char path[PATH_MAX];
         uint64_t one[2] = {*h, 0};
-        if (!frames_in_background_file(dir, rig->cameras[c].name, path, sizeof path))
+        if (frames_in_background_file(dir, rig->cameras[c].name, path, sizeof path, NULL) != PVX_OK)
             continue; /* reported when it is read */
         PVX_TRY(dmn_photometry_hash(path, &one[1], d));
         *h = XXH3_64bits(one, sizeof one);
@@ -48,7 +48,10 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
 {
     char *text;
     size_t len;
-    uint32_t *number = malloc(in->n * sizeof *number);
+    if ((uint64_t)in->number[in->n - 1] > PARTS_NUMBER_MAX)
+        return pvx_fail(d, PVX_ERANGE, "%s: frame number %lld is too large for a job in parts",
+                        o->frames, (long long)in->number[in->n - 1]);
+    uint64_t *number = malloc(in->n * sizeof *number);
     pvx_err e = number != NULL ? rec_rig_format(rig, &text, &len) : PVX_ENOMEM;
     if (e != PVX_OK) {
         free(number);
@@ -92,8 +95,8 @@ static pvx_err part_is_whole(const struct reconstruct_options *o, const struct f
         return PVX_OK;
     return pvx_fail(d, PVX_EBUSY,
                     "%s: is still being written, or was cut off: wait for its end, or name "
-                    "the last set with --last (now %u)",
-                    o->frames, in->number[in->n - 1]);
+                    "the last set with --last (now %lld)",
+                    o->frames, (long long)in->number[in->n - 1]);
 }
 
 pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstruct_options *o,
@@ -116,7 +119,7 @@ pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstr
     if (p->path == NULL)
         return PVX_ENOMEM;
     parts_run(in->n, o->part, o->parts, &first, &end);
-    p->own = in->number[first];
+    p->own = (uint64_t)in->number[first];
     p->early = o->warm || o->frame.temporal ? first < EARLY ? first : EARLY : 0;
     frames_in_only(in, first - p->early, end);
     return PVX_OK;
@@ -169,13 +172,13 @@ pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *
         return PVX_OK;
     fprintf(stderr, "pyrovox: part of an earlier try: %llu of %zu sets are there\n",
             (unsigned long long)p->copied, in->n - p->early);
-    while (own < in->n && in->number[own] <= last)
+    while (own < in->n && (uint64_t)in->number[own] <= last)
         own++;
     if (own == in->n) { /* all sets are done: the file is only closed */
         frames_in_only(in, 0, 0);
         return PVX_OK;
     }
-    p->own = in->number[own];
+    p->own = (uint64_t)in->number[own];
     frames_in_only(in, own > p->early ? own - p->early : 0, in->n);
     return PVX_OK;
 }

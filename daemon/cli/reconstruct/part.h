@@ -14,7 +14,7 @@ struct reconstruct_part {
     part *part;      /* NULL: there are none, OUT is one file */
     bool nothing;    /* the part was done before */
     size_t early;    /* sets that are solved before its own */
-    uint32_t own;    /* number of its first own set */
+    uint64_t own;    /* number of its first own set */
     uint64_t done;   /* volumes of the part, those of earlier tries included */
     uint64_t copied; /* of these, volumes of earlier tries */
     volumes_out *out;

@@ -127,7 +127,7 @@ static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
 
 static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
-    uint32_t no = (uint32_t)s->set;
+    unsigned long long no = s->set;
     char path[4300];
     reconstruct_say_missing(j, s);
     check_lit(j, s);
@@ -140,7 +140,7 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
         for (size_t c = 0; c < j->rig.n_cameras; c++)
             have[c] =
                 reconstruct_has(s, c) && (rec_frame_get_report(s->frame)->vote.out >> c & 1) == 0;
-        snprintf(path, sizeof path, "%s/%06u.png", j->o->save_hull, no);
+        snprintf(path, sizeof path, "%s/%06llu.png", j->o->save_hull, no);
         PVX_TRY(hull_picture_save(j->picture, s->frame, have, no, path, d));
     }
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
@@ -148,7 +148,7 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
     rec_frame_volume(s->frame, &v);
     if (!j->o->recording) {
         rec_sparse_to_dense(&v, j->dense);
-        snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
+        snprintf(path, sizeof path, "%s/%06llu.npy", j->o->out, no);
         struct dmn_volume_meta m = {.grid = j->S->grid,
                                     .nch = j->params.nch,
                                     .frame = (int64_t)s->set,
