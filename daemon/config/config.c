@@ -10,7 +10,9 @@
 
 #include "base/clock.h"
 #include "base/file.h"
+#include "base/log.h"
 #include "base/yaml.h"
+#include "recon/geom/blind.h"
 
 #define MAX_BYTES (1u << 20)
 
@@ -552,6 +554,17 @@ pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out, struct p
     if (e != PVX_OK)
         rec_rig_fini(out);
     return e;
+}
+
+pvx_err dmn_config_sees(const struct rec_rig *rig, const char *path, struct pvx_diag *d)
+{
+    char text[PVX_DIAG_MAX];
+    enum rec_blind blind = rec_rig_blind(rig, text, sizeof text);
+    if (blind == REC_BLIND_ALL)
+        return pvx_fail(d, PVX_EINVAL, "%s: %s", path, text);
+    if (blind == REC_BLIND_SOME)
+        LOG_W(RECON, "%s: %s", path, text);
+    return PVX_OK;
 }
 
 bool dmn_config_simulated(const struct dmn_config *c)

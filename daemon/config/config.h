@@ -128,6 +128,9 @@ PVX_MUST_CHECK pvx_err dmn_config_source(const struct dmn_config *c, const char 
  * that have a source.  Owner: caller, rec_rig_fini. */
 PVX_MUST_CHECK pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out,
                                       struct pvx_diag *d);
+/* PVX_EINVAL: no camera of the rig, read from `path`, sees its volume.  What else recon/geom/blind.h finds is a warning. */
+PVX_MUST_CHECK pvx_err dmn_config_sees(const struct rec_rig *rig, const char *path,
+                                       struct pvx_diag *d);
 /* Whether a camera is simulated (sim:) and so looks at a scene. */
 bool dmn_config_simulated(const struct dmn_config *c);
 enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c);

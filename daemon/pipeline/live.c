@@ -77,7 +77,10 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     const struct dmn_config *c = &l->cfg;
     enum cap_mosaic mosaic;
     PVX_TRY(dmn_config_mosaic(c, &mosaic, d));
+    char path[PATH_MAX];
     PVX_TRY(dmn_config_rig(c, &l->rig, d));
+    dmn_config_path(c, c->rig, path, sizeof path);
+    PVX_TRY(dmn_config_sees(&l->rig, path, d));
     size_t len;
     PVX_TRY(rec_rig_format(&l->rig, &l->rig_text, &len));
     l->out.rig_text = l->rig_text;

@@ -10,6 +10,7 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/yaml.h"
+#include "recon/geom/blind.h"
 #include "recon/geom/photometry_text.h"
 #include "recon/geom/rig_bodies.h"
 
@@ -299,10 +300,13 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
     for (; rig->n_cameras < n; rig->n_cameras++) /* find() sees the finished ones */
         PVX_TRY(read_camera(r, pvx_yaml_item(r->y, node, rig->n_cameras), rig->n_cameras, rig,
                             &rig->cameras[rig->n_cameras]));
-    if (rig->grid.n[0] == 0 && rec_rig_finest(rig, 1, rig->grid.n) != PVX_OK)
+    char why[PVX_DIAG_MAX - 128];
+    if (rig->grid.n[0] == 0 && (rec_rig_blind(rig, why, sizeof why) == REC_BLIND_ALL ||
+                                rec_rig_finest(rig, 1, rig->grid.n) != PVX_OK))
         return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, pvx_yaml_get(r->y, root, "volume"), "voxels"),
-                             "volume.voxels", PVX_EINVAL, r->d,
-                             "auto: no camera has the middle of the volume in front of it");
+                             "volume.voxels", PVX_EINVAL, r->d, "auto: %s",
+                             why[0] != '\0' ? why
+                                            : "no camera has the middle of the volume in front of it");
     if ((node = pvx_yaml_get(r->y, root, "bodies")) != 0)
         return rec_bodies_read(r->y, node, r->name, rig, &rig->bodies, r->d);
     return PVX_OK;

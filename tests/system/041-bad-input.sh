@@ -30,6 +30,10 @@ check bad-address-in-check refused "action.addresses: '1.2.3'" --check-config <<
 check bad-binning-in-check refused "binning 7 does not divide" --check-config <<< "{rig: $rig, cameras: \"sim:\", binning: 7}"
 sed 's/  - name: cam1/  - nome: cam1/' "$rig" > "$dir/rig.yaml"
 check broken-rig refused "rig.yaml:$(grep -n nome "$dir/rig.yaml" | cut -d: -f1)" <<< "{rig: rig.yaml, cameras: \"sim:\"}"
+awk '/^    t: /{gsub(/[][,]/, " "); $0 = "    t: [" 1e3 * $2 ", " 1e3 * $3 ", " 1e3 * $4 "]"} 1' "$rig" > "$dir/mm.yaml"
+check blind-rig refused "mm.yaml: no camera sees the volume; 4 of 4 would see it if t is in millimetres" <<< "{rig: mm.yaml, cameras: \"sim:\"}"
+run "$pyrovox" matrix --rig "$dir/mm.yaml"
+check blind-rig-has-no-matrix says 1 "would see it if t is in millimetres"
 check bad-endpoint refused "not an endpoint" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"nonsense\"]}}"
 open() { refused "$1" --check-config <<< "{rig: $rig, cameras: \"sim:\", $2}"; }
 check open-volumes open "publish.endpoints: tcp://*:5555 lets everybody in" "publish: {endpoints: [\"ipc:///tmp/x\", \"tcp://*:5555\"]}"

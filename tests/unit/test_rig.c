@@ -220,7 +220,7 @@ T_CASE(impossible_volumes)
         {"{ min: [0,0,0], max: [1,1,1], voxels: [auto, 4, 4] }", PVX_EFORMAT,
          "'auto' is not a whole number"},
         {"{ min: [0,0,-9], max: [1,1,-8], voxels: auto }", PVX_EINVAL,
-         "volume.voxels: auto: no camera has the middle of the volume in front of it"},
+         "volume.voxels: auto: no camera sees the volume"},
         {"{ min: [0,0,0], max: [1,1,1] }", PVX_EFORMAT, "volume: the key 'voxels' is missing"},
         {"{ min: [0,0,0], max: [1,1,1], voxels: [4,4,4], basis: }", PVX_EINVAL,
          "volume.basis: should be box or trilinear"},

@@ -7,6 +7,7 @@
 
 #include "base/mem.h"
 #include "daemon/cli/common/arg.h"
+#include "daemon/config/config.h"
 
 #define AT(field) CLI_AT(struct flame_sets_args, field)
 
@@ -168,6 +169,7 @@ pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a, s
     PVX_TRY(rec_rig_load(a->rig, &s->rig, d));
     if (a->cameras != NULL)
         PVX_TRY(rec_rig_select(&s->rig, a->cameras, d));
+    PVX_TRY(dmn_config_sees(&s->rig, a->rig, d));
     PVX_TRY(dmn_photometry_load(a->rig, DMN_LIGHT_ALL, &s->rig, &s->own, d));
     s->light = s->own;
     return flame_sets_read(s, d);

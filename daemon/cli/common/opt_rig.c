@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/yaml.h"
 #include "daemon/cli/common/arg.h"
+#include "daemon/config/config.h"
 #include "daemon/pipeline/photometry.h"
 
 enum { OPT_GRID = 0x700 };
@@ -97,6 +98,8 @@ pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_di
     if (o->basis >= 0)
         out->grid.basis = o->basis;
     pvx_err e = o->cameras != NULL ? rec_rig_select(out, o->cameras, d) : PVX_OK;
+    if (e == PVX_OK)
+        e = dmn_config_sees(out, o->path, d);
     if (e == PVX_OK && o->grid_auto)
         e = opt_rig_finest(o, out, d);
     if (e != PVX_OK)

@@ -1,0 +1,308 @@
+#include "recon/geom/blind.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#define TINY 0.03 /* of the picture's shorter side */
+#define FITS 0.2  /* share of the volume that a camera sees by a reading that fits */
+#define LITTLE \
+    0.5 /* mean share; if the cameras see less, another reading is believed that shows them */
+#define WHOLE  0.9  /* this much */
+#define MIDDLE 0.12 /* of the picture's size: a principal point is this near to its middle */
+#define EACH   0.95 /* a reading that changes one thing more must show more by this */
+#define TRIED  5    /* points along each side of the volume: for readings, */
+#define LOOKED 16   /* and before a camera is called blind */
+
+enum pose { AS_GIVEN, TO_WORLD, PLACE, TRANSPOSED, N_POSES };
+static const char *const pose_words[N_POSES] = {
+    [TO_WORLD] = "R and t lead from the camera to the world (give R transposed and -R^T t)",
+    [PLACE] = "t is the camera's place (give -R t)",
+    [TRANSPOSED] = "R is transposed",
+};
+static const struct {
+    double by;
+    const char *words;
+} units[] = {
+    {1, NULL},
+    {1e-3, "t is in millimetres (give t / 1000)"},
+    {1e-2, "t is in centimetres (give t / 100)"},
+    {1e3, "the volume is in millimetres (give min and max / 1000)"},
+    {1e2, "the volume is in centimetres (give min and max / 100)"},
+};
+static const struct {
+    double by;
+    const char *words;
+} lenses[] = {
+    {1, NULL},
+    {0.5, "K is that of pictures of twice the size (give K / 2)"},
+    {0.25, "K is that of pictures of four times the size (give K / 4)"},
+    {2, "K is that of pictures of half the size (give K * 2)"},
+};
+#define COUNT(a) (sizeof(a) / sizeof *(a))
+
+_Static_assert(REC_READINGS == N_POSES * 2 * COUNT(units) * COUNT(lenses), "readings");
+
+struct reading {
+    enum pose pose;
+    bool opengl; /* the camera's y is up, and it looks along -z */
+    size_t unit, lens;
+};
+
+static int blind_changes(struct reading w)
+{
+    return (w.pose != AS_GIVEN) + w.opengl + (w.unit > 0) + (w.lens > 0);
+}
+
+static struct rec_camera blind_read(const struct rec_camera *c, struct reading w)
+{
+    struct rec_camera o = *c;
+    double t[3], k = lenses[w.lens].by;
+    for (int i = 0; i < 3; i++)
+        o.t[i] = t[i] = c->t[i] * units[w.unit].by;
+    for (int i = 0; i < 9 && (w.pose == TO_WORLD || w.pose == TRANSPOSED); i++)
+        o.R[i] = c->R[3 * (i % 3) + i / 3];
+    for (int i = 0; i < 3 && (w.pose == TO_WORLD || w.pose == PLACE); i++)
+        o.t[i] = -(o.R[3 * i] * t[0] + o.R[3 * i + 1] * t[1] + o.R[3 * i + 2] * t[2]);
+    for (int i = 1; i < 3 && w.opengl; i++) {
+        o.t[i] = -o.t[i];
+        for (int j = 0; j < 3; j++)
+            o.R[3 * i + j] = -o.R[3 * i + j];
+    }
+    o.fx *= k;
+    o.fy *= k;
+    o.cx = (c->cx + 0.5) * k - 0.5;
+    o.cy = (c->cy + 0.5) * k - 0.5;
+    return o;
+}
+
+/* The principal point is near the middle of the picture, once the lens is read so, and not before. */
+static bool blind_lens_fits(const struct rec_camera *c, size_t lens)
+{
+    const double at[2] = {(c->cx + 0.5) / c->width, (c->cy + 0.5) / c->height};
+    bool before = true, then = true;
+    for (int a = 0; a < 2; a++) {
+        before = before && fabs(at[a] - 0.5) < MIDDLE;
+        then = then && fabs(at[a] * lenses[lens].by - 0.5) < MIDDLE;
+    }
+    return then && !before;
+}
+
+/* How a camera sees the volume, by n^3 points. */
+struct look {
+    double share; /* of the points; 0 if `tiny` or `inside` */
+    bool tiny, inside, behind;
+};
+static struct look blind_look(const struct rec_camera *c, const struct rec_grid *g, int n)
+{
+    double centre[3], lo[2] = {INFINITY, INFINITY}, hi[2] = {-INFINITY, -INFINITY}, X[3], uv[2];
+    int seen = 0, front = 0;
+    struct look l = {.inside = true};
+    rec_camera_centre(c, centre);
+    for (int a = 0; a < 3; a++)
+        l.inside = l.inside && centre[a] > g->min[a] && centre[a] < g->max[a];
+    for (int i = 0; i < n * n * n; i++) {
+        const int at[3] = {i % n, i / n % n, i / n / n};
+        for (int a = 0; a < 3; a++)
+            X[a] = g->min[a] + (at[a] + 0.5) / n * (g->max[a] - g->min[a]);
+        if (!rec_camera_project(c, X, uv))
+            continue;
+        front++;
+        seen += rec_camera_sees(c, X, uv);
+        for (int a = 0; a < 2; a++) {
+            lo[a] = fmin(lo[a], uv[a]);
+            hi[a] = fmax(hi[a], uv[a]);
+        }
+    }
+    double side = fmax(hi[0] - lo[0], hi[1] - lo[1]) * n / (n - 1);
+    l.behind = front == 0;
+    l.tiny = seen > 0 && side < TINY * (c->width < c->height ? c->width : c->height);
+    l.share = l.tiny || l.inside ? 0 : (double)seen / (n * n * n);
+    return l;
+}
+
+/* What the cameras of a set see by a reading: the sum of their shares, and how many see FITS of the volume. */
+struct trial {
+    struct reading as;
+    double sum;
+    size_t fits;
+};
+static struct trial blind_try(const struct rec_rig *r, uint64_t set, struct reading w)
+{
+    struct trial t = {.as = w};
+    for (size_t c = 0; c < r->n_cameras; c++) {
+        if ((set >> c & 1) == 0)
+            continue;
+        struct rec_camera o = blind_read(&r->cameras[c], w);
+        bool possible = w.lens == 0 || blind_lens_fits(&r->cameras[c], w.lens);
+        double share = possible ? blind_look(&o, &r->grid, TRIED).share : 0;
+        t.sum += share;
+        t.fits += share >= FITS;
+    }
+    return t;
+}
+
+static bool blind_nth(size_t i, int most, struct reading *w)
+{
+    *w = (struct reading){.pose = (enum pose)(i % N_POSES),
+                          .opengl = i / N_POSES % 2 == 1,
+                          .unit = i / N_POSES / 2 % COUNT(units),
+                          .lens = i / N_POSES / 2 / COUNT(units)};
+    int n = blind_changes(*w);
+    return n > 0 && n <= most && (w->lens == 0 || n == 1);
+}
+
+/* The reading by which they see most.  Few cameras fit many readings, so one alone is tried with one change. */
+static struct trial blind_best(const struct rec_rig *r, uint64_t set, int most)
+{
+    struct trial best = {.fits = 0};
+    double value = 0;
+    for (size_t i = 0; i < REC_READINGS; i++) {
+        struct reading w;
+        if (!blind_nth(i, most, &w))
+            continue;
+        struct trial t = blind_try(r, set, w);
+        double worth = t.sum * pow(EACH, blind_changes(w));
+        if (worth > value) {
+            value = worth;
+            best = t;
+        }
+    }
+    return best;
+}
+
+struct words {
+    char *text;
+    size_t size, n;
+};
+__attribute__((format(printf, 2, 3))) static void blind_say(struct words *w, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    int n = vsnprintf(w->text + w->n, w->size - w->n, fmt, args);
+    va_end(args);
+    w->n += n < 0 ? 0 : (size_t)n < w->size - w->n ? (size_t)n : w->size - w->n - 1;
+}
+
+static void blind_say_reading(struct words *w, struct reading r)
+{
+    const char *all[] = {
+        pose_words[r.pose],
+        r.opengl ? "the camera's axes are OpenGL's (change the signs of rows 2 and 3 of R and t)"
+                 : NULL,
+        units[r.unit].words, lenses[r.lens].words};
+    const char *join = "if ";
+    for (size_t i = 0; i < COUNT(all); i++)
+        if (all[i] != NULL) {
+            blind_say(w, "%s%s", join, all[i]);
+            join = ", and ";
+        }
+}
+
+static void blind_say_cameras(struct words *w, const struct rec_rig *r, uint64_t set)
+{
+    const char *join = "";
+    for (size_t c = 0, n = 0; c < r->n_cameras; c++)
+        if ((set >> c & 1) != 0 && n++ < 8) {
+            blind_say(w, "%s%s", join, r->cameras[c].name);
+            join = ", ";
+        }
+    if (__builtin_popcountll(set) > 8)
+        blind_say(w, " and %d more", __builtin_popcountll(set) - 8);
+}
+
+/* Cameras of one kind: "cam1, cam2: ...". */
+static void blind_say_kind(struct words *w, const struct rec_rig *r, uint64_t set, const char *one)
+{
+    if (set == 0)
+        return;
+    blind_say(w, "%s", w->n > 0 ? "; " : "");
+    blind_say_cameras(w, r, set);
+    blind_say(w, ": %s", one);
+}
+
+/* A K for smaller pictures still shows the volume, too small and beside the middle. */
+static enum rec_blind blind_lens(const struct rec_rig *r, struct words *w)
+{
+    for (size_t k = 1; k < COUNT(lenses) && r->n_cameras > 1; k++) {
+        size_t fits = 0;
+        while (fits < r->n_cameras && blind_lens_fits(&r->cameras[fits], k))
+            fits++;
+        if (fits < r->n_cameras)
+            continue;
+        blind_say(w, "cx and cy of all cameras are near the middle of their pictures only ");
+        blind_say_reading(w, (struct reading){.lens = k});
+        return REC_BLIND_SOME;
+    }
+    return REC_BLIND_NONE;
+}
+
+#define DEFINED "in rig.yaml X_cam = R X + t, in metres, with x right, y down, z forward"
+
+enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
+{
+    struct words w = {text, size, 0};
+    uint64_t blind = 0, tiny = 0, inside = 0, behind = 0;
+    const size_t all = r->n_cameras;
+    double sum = 0;
+    text[0] = '\0';
+    for (size_t c = 0; c < all; c++) {
+        struct look l = blind_look(&r->cameras[c], &r->grid, LOOKED);
+        const uint64_t bit = (uint64_t)1 << c;
+        sum += l.share;
+        blind |= l.share > 0 ? 0 : bit;
+        tiny |= l.tiny && !l.inside ? bit : 0;
+        inside |= l.inside ? bit : 0;
+        behind |= l.behind && !l.inside ? bit : 0;
+    }
+    const size_t n = (size_t)__builtin_popcountll(blind);
+    if (n == 0 && sum >= LITTLE * (double)all)
+        return blind_lens(r, &w);
+    const uint64_t every = all < 64 ? ((uint64_t)1 << all) - 1 : UINT64_MAX;
+    struct trial t = blind_best(r, every, 3);
+    bool fits = t.sum >= WHOLE * (double)all && sum < LITTLE * (double)all;
+    if (n == all)
+        fits = 2 * t.fits > all;
+    if (n == 0 && !fits)
+        return REC_BLIND_NONE; /* they look at a part of a large volume */
+    bool none = n == all && (fits || (tiny | inside) == 0);
+    if (none)
+        blind_say(&w, "no camera sees the volume");
+    else if (n == 0)
+        blind_say(&w, "the cameras see only %.0f %% of the volume", 100 * sum / (double)all);
+    else {
+        blind_say_kind(&w, r, behind, "the volume is behind it");
+        blind_say_kind(&w, r, inside, "it stands inside the volume");
+        blind_say_kind(&w, r, tiny, "the volume is less than 3 % of its picture");
+        blind_say_kind(&w, r, blind & ~(behind | inside | tiny),
+                       "the volume is not in its picture");
+    }
+    size_t of = all;
+    if (!fits && n < all) { /* some cameras alone */
+        t = blind_best(r, blind, n > 1 ? 3 : 1);
+        fits = 2 * t.fits > n;
+        of = n;
+    }
+    if (fits) {
+        blind_say(&w, "; %zu of %zu would see it ", t.fits, of);
+        blind_say_reading(&w, t.as);
+        blind_say(&w, ": " DEFINED);
+    } else {
+        blind_say(&w, "; check R, t, K and the volume's min and max: " DEFINED);
+    }
+    return none ? REC_BLIND_ALL : REC_BLIND_SOME;
+}
+
+bool rec_blind_reading(const struct rec_rig *r, size_t i, struct rec_camera *as, char *text,
+                       size_t size)
+{
+    struct reading w;
+    struct words out = {text, size, 0};
+    if (!blind_nth(i, 2, &w))
+        return false;
+    for (size_t c = 0; c < r->n_cameras; c++)
+        as[c] = blind_read(&r->cameras[c], w);
+    blind_say_reading(&out, w);
+    return true;
+}
