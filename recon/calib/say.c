@@ -142,33 +142,41 @@ bool rec_calib_good(const struct rec_calib_report *r)
     return good;
 }
 
-/* Cameras that contradict each other (pictures of different instants, wrong frame numbers, an old rig that no
- * longer holds).  Each view errs as a whole, and n views reduce that to 1 / sqrt(n) at best.  If the rest is a
- * voxel of the volume, nothing can be reconstructed. */
+/* Cameras that contradict each other (pictures of different instants, wrong frame numbers, turned pictures, an old rig
+ * that no longer holds).  Each view errs as a whole, and n views reduce that to 1 / sqrt(n) at best.  If the rest is a
+ * voxel of the volume, nothing can be reconstructed.  Views that were left out count by the median: where they are
+ * most of a camera's, its pose came by chance.  No motion between two exposures reaches WILD times the own error. */
+#define WILD 100
 static void say_contradiction(struct calib *k)
 {
     const struct rec_calib_report *r = k->out;
-    double most = 1;
+    double most = 1, px = 0;
     int worst = -1;
     for (uint32_t c = 0; c < k->nc; c++) {
         const struct rec_calib_of_camera *o = &r->camera[c];
         double voxels = o->expected.px > 0 ? o->expected.voxels / o->expected.px
                         : r->px > 0        ? r->voxels / r->px
                                            : 1;
-        double left = o->joint * voxels / sqrt(fmax((double)o->used, 1));
-        if (o->joint > 2 * o->single && left > most) {
+        double fit = fmax(o->joint, o->over * o->single);
+        double left = fit * voxels / sqrt(fmax((double)o->used, 1));
+        if (o->over > WILD)
+            left = fmax(left, o->over / WILD);
+        if (fit > 2 * o->single && left > most) {
             most = left;
+            px = fit;
             worst = (int)c;
         }
     }
     if (worst >= 0)
         rec_calib_say(
             k, REC_CALIB_REFUSED, REC_CALIB_SYNC, worst, REC_NO_FRAME,
-            "the cameras contradict each other: %s fits the others to %.1f px, itself to "
-            "%.2f px, which leaves %.1f voxels in the volume; see that pictures of one "
-            "number are of one instant, that the board is still in each, and that nothing "
-            "that was held has moved",
-            k->in->camera[worst].name, r->camera[worst].joint, r->camera[worst].single, most);
+            "the cameras contradict each other: residuals of %s are %.1f px with the others and "
+            "%.2f px "
+            "alone (%.0f times); see that pictures of one number are of one instant, that none is "
+            "turned, mirrored or of another camera, that it is one board, still in each, and that "
+            "nothing that was held has moved",
+            k->in->camera[worst].name, px, r->camera[worst].single,
+            px / fmax(r->camera[worst].single, 1e-3));
 }
 
 void rec_calib_verdicts(struct calib *k)

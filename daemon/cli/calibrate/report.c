@@ -60,7 +60,8 @@ void calibrate_print_cameras(const struct calibrate_result *r)
         printf("%-12s %5zu /%4zu %5zu %9.3f %8.3f %11.3f %7.3f %10.3f  %s\n", l->camera[c].name,
                l->count[c].sight[REC_SIGHT_FOUND], l->count[c].pictures, o->used, o->single,
                o->joint, o->expected.px, o->expected.voxels, o->expected.voxels_95,
-               rec_calib_verdict(&o->expected));
+               rec_calib_says(r->report, REC_CALIB_REFUSED, -1) ? "refused"
+                                                                : rec_calib_verdict(&o->expected));
     }
     printf("\n");
 }
