@@ -120,6 +120,24 @@ T_CASE(a_bumped_camera)
     T_OK(!says("c.html", "<script"));
 }
 
+T_CASE(a_rig_read_wrongly)
+{
+    T_NOT_UNDER_TSAN();
+    struct rec_rig wrong;
+    T_EQ_I(rec_rig_copy(&f.rig, &wrong), PVX_OK);
+    for (size_t c = 0; c < CAMERAS; c++)
+        for (int i = 0; i < 9; i++)
+            wrong.cameras[c].R[i] = f.rig.cameras[c].R[3 * (i % 3) + i / 3];
+    write_rig("wrong.yaml", &wrong);
+    rec_rig_fini(&wrong);
+    T_EQ_I(pyrovox("calibrate check --rig wrong.yaml --frames good --quiet"), 1);
+    T_OK(says("out.txt", "if R is transposed"));
+    T_EQ_I(pyrovox("reconstruct --rig wrong.yaml --frames good --out v --quiet --last 0"), 0);
+    T_OK(says("err", "if R is transposed"));
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames good --out v --quiet --last 0"), 0);
+    T_EQ_S(slurp("err"), "");
+}
+
 T_CASE(a_cap_on_a_lens)
 {
     T_NOT_UNDER_TSAN();

@@ -6,6 +6,7 @@
 #include "daemon/cli/calibrate/report.h"
 #include "daemon/cli/calibrate/check_say.h"
 #include "daemon/cli/common/cli.h"
+#include "recon/check/meant.h"
 
 struct args {
     struct flame_sets_args sets;
@@ -56,6 +57,21 @@ static error_t check_parse_opt(int key, char *arg, struct argp_state *st)
     }
 }
 
+/* The mistake in the rig that explains the set that was read last. */
+static pvx_err check_say_meant(const struct check_result *r)
+{
+    const struct flame_sets *s = r->sets;
+    const uint8_t *lit[REC_MAX_CAMERAS];
+    const rec_unseen *u = rec_check_unseen(r->check);
+    char text[REC_MEANT_TEXT];
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        lit[c] = rec_unseen_present(u, c) ? rec_unseen_lit(u, c) : NULL;
+    pvx_err e = rec_rig_meant(&s->rig, s->params.binning, lit, text);
+    if (e == PVX_OK && text[0] != '\0')
+        printf("%s\n", text);
+    return e;
+}
+
 static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong,
                          struct pvx_diag *d)
 {
@@ -69,6 +85,7 @@ static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong
     pvx_err e = rec_check_run(r.check, &s->rig, &from, &verdict, d);
     if (e == PVX_OK) {
         check_print(&r);
+        e = verdict.outcome == REC_CHECK_AGREES ? PVX_OK : check_say_meant(&r);
         fflush(stdout);
         *wrong = verdict.outcome != REC_CHECK_AGREES;
     }

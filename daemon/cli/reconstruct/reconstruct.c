@@ -24,6 +24,9 @@
 #include "daemon/cli/reconstruct/plan.h"
 #include "daemon/cli/reconstruct/slurm.h"
 #include "daemon/pipeline/volume_file.h"
+#include "recon/check/meant.h"
+
+#define LOOKED 5 /* sets in which a mistake in the rig is looked for, at most */
 
 struct job {
     const struct reconstruct_options *o;
@@ -46,6 +49,7 @@ struct job {
     size_t sets;                    /* received so far */
     struct reconstruct_hints hints; /* of the volumes written */
     bool said_lit;                  /* the warning that nearly all is lit was printed */
+    int looked;                     /* sets in which a mistake in the rig was looked for */
     struct dmn_votes votes;
     bool failed;   /* a set failed, but the others went on */
     pvx_err error; /* the error that ended the work */
@@ -125,6 +129,24 @@ static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 
+/* Of the first sets whose cameras disagree: the mistake in the rig that explains it, said once. */
+static pvx_err say_meant(struct job *j, const struct dmn_slot *s)
+{
+    const struct rec_frame_report *r = rec_frame_get_report(s->frame);
+    const uint8_t *lit[REC_MAX_CAMERAS];
+    char text[REC_MEANT_TEXT];
+    bool agree = r->vote.state != REC_VOTE_TORN && r->vote.out == 0;
+    if (j->o->no_hull || j->looked == LOOKED || (agree && r->hull.inside + r->hull.partial > 0))
+        return PVX_OK;
+    for (size_t c = 0; c < j->rig.n_cameras; c++)
+        lit[c] = reconstruct_has(s, c) ? rec_frame_lit(s->frame, c) : NULL;
+    PVX_TRY(rec_rig_meant(&j->rig, j->S->binning, lit, text));
+    j->looked = text[0] != '\0' ? LOOKED : j->looked + 1;
+    if (text[0] != '\0')
+        fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)s->set, text);
+    return PVX_OK;
+}
+
 static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     unsigned long long no = s->set;
@@ -135,6 +157,7 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
     uint64_t frame = s->set;
     dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
                   &(struct dmn_votes_listener){reconstruct_say, &frame});
+    PVX_TRY(say_meant(j, s));
     if (j->picture != NULL) {
         bool have[REC_MAX_CAMERAS];
         for (size_t c = 0; c < j->rig.n_cameras; c++)
