@@ -25,6 +25,7 @@ struct tiff {
     int colours;      /* samples of a pixel that are light */
     int channels;     /* of the picture: 1 or 3 */
     uint32_t most;    /* full scale of integers */
+    size_t as_is;     /* bytes of a sample, where rows are copied; else 0 */
     uint32_t seen;    /* largest integer of more than 16 bits */
     struct cap_image *out;
 };
@@ -307,6 +308,11 @@ static void tiff_put(struct tiff *t, const unsigned char *row, uint32_t x, uint3
     bool apart = t->planes == PLANARCONFIG_SEPARATE;
     size_t step = apart ? 1 : t->samples;
     size_t to = ((size_t)y * t->width + x) * (size_t)t->channels + (size_t)plane;
+    if (t->as_is > 0) {
+        memcpy((char *)(uintptr_t)t->out->data + to * t->as_is, row,
+               n * (size_t)t->channels * t->as_is);
+        return;
+    }
     for (uint32_t i = 0; i < n; i++, to += (size_t)t->channels)
         for (int c = 0; c < (apart ? 1 : t->colours); c++) {
             size_t at = i * step + (size_t)c;
@@ -401,6 +407,11 @@ static pvx_err tiff_load(struct tiff *t, uint64_t at, void **mem, struct pvx_dia
     t->most = t->bits < 32 ? (1U << t->bits) - 1 : UINT32_MAX;
     int depth = is_float ? 32 : t->map[0] == NULL && t->bits <= 8 && 255 % t->most == 0 ? 8 : 16;
     tiff_widen_map(t);
+    bool alone = t->planes == PLANARCONFIG_SEPARATE ? t->colours == 1 : t->samples == t->colours;
+    if (alone && t->bits == depth && t->map[0] == NULL &&
+        t->photometric != PHOTOMETRIC_MINISWHITE &&
+        (t->bits < 32 || t->format == SAMPLEFORMAT_IEEEFP))
+        t->as_is = t->bits / 8U;
     *mem = cap_picture_make(t->width, t->height, t->channels, depth, t->name, t->out, d);
     return *mem == NULL ? PVX_ENOMEM : tiff_pixels(t, d);
 }

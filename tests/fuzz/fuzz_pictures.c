@@ -91,12 +91,11 @@ static void check_png(const struct cap_image *img, const uint8_t *p)
     MUST(img->yuv == 0);
 }
 
-static void as_picture(const uint8_t *data, size_t size)
+static void as_page(const uint8_t *data, size_t size, uint32_t page)
 {
     struct cap_loaded l, again;
     struct pvx_diag d = {""};
-    put(picture, data, size);
-    pvx_err e = cap_image_load(picture, &l, &d);
+    pvx_err e = cap_image_load_page(picture, page, &l, &d);
     if (e != PVX_OK) {
         MUST(l.mem == NULL);
         said(e, &d, picture);
@@ -108,12 +107,30 @@ static void as_picture(const uint8_t *data, size_t size)
         check_png(&l.img, data);
     if (l.img.size <= 1 << 16) { /* what was never written is not the same twice */
         mallopt(M_PERTURB, 0x55);
-        MUST(cap_image_load(picture, &again, NULL) == PVX_OK);
+        MUST(cap_image_load_page(picture, page, &again, NULL) == PVX_OK);
         mallopt(M_PERTURB, 0);
         MUST(again.img.size == l.img.size && again.img.fmt == l.img.fmt);
         MUST(memcmp(again.img.data, l.img.data, l.img.size) == 0);
         cap_loaded_free(&again);
     }
+    cap_loaded_free(&l);
+}
+
+/* The first pages; a file of several is no single picture. */
+static void as_picture(const uint8_t *data, size_t size)
+{
+    struct cap_loaded l;
+    struct pvx_diag d = {""};
+    uint32_t pages;
+    put(picture, data, size);
+    pvx_err e = cap_image_pages(picture, &pages, &d);
+    if (e != PVX_OK)
+        said(e, &d, picture);
+    MUST(pages >= 1);
+    for (uint32_t page = 0; page < pages && page < 3; page++)
+        as_page(data, size, page);
+    bool one = cap_image_load(picture, &l, NULL) == PVX_OK;
+    MUST(!one || (e == PVX_OK && pages == 1));
     cap_loaded_free(&l);
 }
 
