@@ -19,7 +19,7 @@ struct tiff_folder {
     bool page;
     uint64_t planes;       /* of MetaMorph */
     uint64_t text, length; /* ImageDescription */
-    uint64_t width, height, orientation, compression, predictor;
+    uint64_t width, height, samples, orientation, compression, predictor;
     const char *strange; /* a tag by which samples mean something else */
 };
 
@@ -77,6 +77,7 @@ static void tiff_tag(const struct tiff_chain *t, const unsigned char *p, uint64_
     case 257: f->height = value; break;
     case 259: f->compression = value; break;
     case 274: f->orientation = value; break;
+    case 277: f->samples = value; break;
     case 317: f->predictor = value; break;
     case 33629: f->planes = count; break; /* UIC2Tag */
     case 270:
@@ -114,22 +115,40 @@ static pvx_err tiff_read_folder(const struct tiff_chain *t, uint64_t at, struct 
     return PVX_OK;
 }
 
-/* Refuses a folder of tags that stands for more pictures than one. */
-static pvx_err tiff_is_one(const struct tiff_chain *t, const struct tiff_folder *first,
-                           uint32_t pages, struct pvx_diag *d)
+static unsigned long tiff_says(const char *text, const char *key)
 {
-    char text[512] = "";
+    const char *at = strstr(text, key);
+    return at != NULL ? strtoul(at + strlen(key), NULL, 10) : 0;
+}
+
+/* Refuses a folder of tags that stands for more pictures than one, and pages that are not one picture after the
+ * other: ImageJ and OME write channels (of two cameras, too) and layers as pages. */
+static pvx_err tiff_is_sequence(const struct tiff_chain *t, const struct tiff_folder *first,
+                                uint32_t pages, struct pvx_diag *d)
+{
+    char text[8192] = "";
     unsigned long images = first->planes;
     size_t n = first->length < sizeof text ? (size_t)first->length : sizeof text - 1;
-    if (cap_bytes_get(t->b, first->text, text, n) && strncmp(text, "ImageJ=", 7) == 0) {
-        const char *says = strstr(text, "\nimages=");
-        images = says != NULL ? strtoul(says + 8, NULL, 10) : 0;
-    }
+    (void)cap_bytes_get(t->b, first->text, text, n);
+    bool imagej = strncmp(text, "ImageJ=", 7) == 0, ome = strstr(text, "<OME") != NULL;
+    if (imagej)
+        images = tiff_says(text, "\nimages=");
     if (images > pages)
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: says it has %lu pictures, but the tags of %u: save them as pages with "
                         "tags of their own, or as one file each",
                         t->name, images, pages);
+    if (pages < 2 || (!imagej && !ome))
+        return PVX_OK;
+    bool channels = imagej ? tiff_says(text, "\nchannels=") > 1
+                           : tiff_says(text, "SizeC=\"") > 1 && first->samples < 2;
+    bool layers = imagej ? tiff_says(text, "\nslices=") > 1 && tiff_says(text, "\nframes=") > 1
+                         : tiff_says(text, "SizeZ=\"") > 1 && tiff_says(text, "SizeT=\"") > 1;
+    if (channels || layers)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: its pages are not one picture after the other, but %s of each: save "
+                        "each as a file of its own",
+                        t->name, channels ? "several channels" : "several layers");
     return PVX_OK;
 }
 
@@ -217,7 +236,7 @@ pvx_err cap_tiff_pages(const struct cap_bytes *b, const char *name, uint32_t pag
                         "%s: has only previews or masks in its pages (a raw file?): save the "
                         "pictures themselves as TIFF",
                         name);
-    PVX_TRY(tiff_is_one(&t, &first, counted, d));
+    PVX_TRY(tiff_is_sequence(&t, &first, counted, d));
     if (!found)
         return pvx_fail(d, PVX_ERANGE, "%s: has %u pages; there is no page %u", name, counted,
                         page);

@@ -174,6 +174,14 @@ T_CASE(pages_are_pictures)
     write_tiff("stack.tif", stack, 5);
     T_EQ_I(cap_image_pages(at("stack.tif"), &pages, &d), PVX_OK);
     T_EQ_I(pages, 3);
+    for (uint32_t i = 0; i < 3; i++) {
+        T_EQ_I(cap_image_load_page(at("stack.tif"), i, &l, &d), PVX_OK);
+        T_NEAR(off(&l.img, 1, i == 2 ? 4 : i + 1), 0, 1e-5);
+        cap_loaded_free(&l);
+    }
+    T_EQ_I(cap_image_load_page(at("stack.tif"), 3, &l, &d), PVX_ERANGE);
+    T_CONTAINS(d.text, "has 3 pages; there is no page 3");
+    d.text[0] = '\0';
     T_EQ_I(cap_image_load(at("stack.tif"), &l, &d), PVX_EUNSUP);
     T_CONTAINS(d.text, "stack.tif: has 3 pages");
     d.text[0] = '\0';
@@ -183,6 +191,22 @@ T_CASE(pages_are_pictures)
     T_EQ_I(cap_image_load(at("one.tif"), &l, &d), PVX_OK);
     T_NEAR(off(&l.img, 1, 0), 0, 1e-5);
     cap_loaded_free(&l);
+    struct kind mixed[6] = {{0}};
+    static const char *const text[] = {"ImageJ=1.53t\nimages=6\nchannels=2\nframes=3\n",
+                                       "ImageJ=1.53t\nimages=6\nslices=2\nframes=3\n",
+                                       "<OME><Pixels SizeC=\"2\" SizeT=\"3\" SizeZ=\"1\"/></OME>",
+                                       "<OME><Pixels SizeC=\"1\" SizeT=\"3\" SizeZ=\"2\"/></OME>",
+                                       "ImageJ=1.53t\nimages=6\nslices=6\n",
+                                       "<OME><Pixels SizeC=\"1\" SizeT=\"6\" SizeZ=\"1\"/></OME>"};
+    for (size_t i = 0; i < 6; i++) {
+        for (size_t k = 0; k < 6; k++)
+            mixed[k] = stack[2];
+        mixed[0].text = text[i];
+        write_tiff("mixed.tif", mixed, 6);
+        d.text[0] = '\0';
+        T_EQ_I(cap_image_pages(at("mixed.tif"), &pages, &d), i < 4 ? PVX_EUNSUP : PVX_OK);
+        T_CONTAINS(d.text, i < 4 ? "not one picture after the other" : "");
+    }
     write_tiff("previews.tif", stack, 1);
     T_EQ_I(cap_image_pages(at("previews.tif"), &pages, &d), PVX_EUNSUP);
     T_CONTAINS(d.text, "previews.tif: has only previews");
