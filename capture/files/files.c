@@ -1,25 +1,26 @@
-/* files.c - files: image sequences and videos as cameras.
+/* files.c - files: pictures, stacks and films (reel.h) as cameras.
  *
- * The time of a frame follows from its number alone (file name, or place in the video), so frames of one number form
- * a set even when others are missing.  Live: frames are handed over in real time, one period apart, and a frame that
- * cannot be loaded in time is left out.  Lossless: as fast as the consumer takes them, and every frame.
+ * The time of a frame follows from its number alone (file name, or page), or is the film's, so frames of one number or
+ * instant form a set even when others are missing.  Live: frames are handed over in real time, and a frame that cannot
+ * be loaded in time is left out.  Lossless: as fast as the consumer takes them, and every frame.
  * All files: cameras share one time line: its begin and, with `loop`, the length of one turn.  Both are the same for
  * all cameras, also when some sequences are shorter or start later.  Otherwise turn k of one camera would meet turn k
- * of another with the wrong frames. */
+ * of another with the wrong frames.  The time line counts periods of `fps`.  A film's frame is a remainder away. */
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "capture/source/backends.h"
-#include "capture/files/imgio.h"
+#include "capture/files/reel.h"
 #include "capture/source/player.h"
-#include "capture/files/sequence.h"
 
 #define LEAD_NS (100 * PVX_NS_PER_MS)          /* from the first start to the first frame */
+#define RATES   0.01                           /* a film's rate may differ so much from fps */
+#define TIMES   10                             /* numbers that go up by more are hardly counts */
 #define FAR_NS  (INT64_MAX / 2 - PVX_NS_PER_S) /* the farthest time used */
 
 /* The time line; lives while any files: source is open. */
@@ -37,11 +38,8 @@ struct files {
     struct cap_source base;
     struct cap_player player;
     char *name, *camera_name;
-    struct cap_sequence seq; /* n = 0: a video */
-    cap_video *video;
-    int64_t video_frames; /* 0 = not known */
-    struct cap_image
-        pending; /* first frame of the video, read when it was opened; data NULL = none */
+    struct cap_reel reel;
+    double step; /* ns, of a film */
     int32_t width, height;
     enum cap_pixfmt fmt;
     int64_t period_ns;
@@ -79,20 +77,18 @@ static int64_t line_place(int64_t turn, int64_t number)
     pthread_mutex_lock(&line.lock);
     if (turn > 0)
         line.fixed = true;
-    if (!line.fixed && number > line.last)
-        line.last = number; /* a video whose length is not known */
     if (number >= line.first && number <= line.last)
         place = turn * (line.last - line.first + 1) + number;
     pthread_mutex_unlock(&line.lock);
     return place;
 }
 
-static void line_start(int64_t number)
+static void line_start(void)
 {
     pthread_mutex_lock(&line.lock);
     if (!line.running) {
         line.running = true;
-        line.origin = number;
+        line.origin = line.first;
         line.start_mono_ns = pvx_now_mono() + LEAD_NS;
         line.start_real_ns = pvx_now_real() + LEAD_NS;
     }
@@ -127,30 +123,25 @@ static int64_t line_time(int64_t place, int64_t period)
 
 /* ---- reading ---------------------------------------------------------------------------------- */
 
-static bool is_video(const char *name)
+/* Number of frame i on the time line.  *more: by how much a film's frame is later. */
+static int64_t files_number(const struct files *s, size_t i, int64_t *more)
 {
-    return strpbrk(name, "%*?[") == NULL && cap_is_video(name);
+    int64_t at = s->reel.frame[i].at;
+    *more = 0;
+    if (s->reel.kind != CAP_REEL_FILM)
+        return at;
+    int64_t number = llround((double)at / (double)s->period_ns);
+    *more = at - number * s->period_ns;
+    return number;
 }
 
-static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)
+/* How many frames are missing before frame i. */
+static uint64_t files_gap(const struct files *s, size_t i)
 {
-    cap_video_close(&s->video);
-    struct cap_video_info info;
-    PVX_TRY(cap_video_open(s->name, &s->video, &info, d));
-    *fps = info.fps;
-    return cap_video_next(s->video, &s->pending, NULL, d);
-}
-
-/* Measure the length of a looped video by reading it to its end.  Containers only estimate the length, and turns of
- * different length would shift the cameras against each other. */
-static pvx_err measure_video(struct files *s, struct pvx_diag *d)
-{
-    pvx_err e;
-    double fps;
-    for (s->video_frames = 1; (e = cap_video_next(s->video, NULL, NULL, d)) == PVX_OK;)
-        s->video_frames++;
-    s->pending.data = NULL;
-    return e == PVX_ECLOSED ? open_video(s, &fps, d) : e;
+    int64_t d = s->reel.frame[i].at - s->reel.frame[i - 1].at;
+    if (s->reel.kind == CAP_REEL_FILM)
+        d = s->step > 0 ? llround((double)d / s->step) : 1;
+    return d > 1 ? (uint64_t)d - 1 : 0;
 }
 
 /* The first readable image gives the size and format that the configuration leaves open. */
@@ -158,14 +149,14 @@ static pvx_err files_look_at_first(struct files *s, struct pvx_diag *d)
 {
     if (s->width > 0 && s->height > 0 && s->fmt != CAP_FMT_NONE)
         return PVX_OK;
-    struct cap_loaded l = {.img = s->pending};
+    struct cap_loaded l;
     pvx_err e = PVX_OK;
-    for (size_t i = 0; i < s->seq.n; i++) {
+    for (size_t i = 0; i < s->reel.n; i++) {
         struct pvx_diag each = {""};
-        e = cap_image_load(s->seq.item[i].path, &l, &each);
+        e = cap_reel_load(&s->reel, i, &l, &each);
         if (e == PVX_OK)
             break;
-        if (i + 1 == s->seq.n)
+        if (i + 1 == s->reel.n)
             return pvx_fail(d, e, "%s", pvx_diag_text(&each, e));
     }
     if (s->width <= 0)
@@ -174,8 +165,7 @@ static pvx_err files_look_at_first(struct files *s, struct pvx_diag *d)
         s->height = l.img.height;
     if (s->fmt == CAP_FMT_NONE)
         s->fmt = l.img.fmt;
-    if (s->seq.n > 0)
-        cap_loaded_free(&l);
+    cap_loaded_free(&l);
     return e;
 }
 
@@ -221,18 +211,19 @@ static void files_unreadable(struct files *s, const char *text)
     s->said_unreadable = true;
 }
 
-/* Load image i of the sequence into a buffer.  NULL: it is left out and counted. */
-static struct cap_frame *load_image(struct files *s, size_t i)
+/* Load frame i into a buffer.  NULL: it is left out and counted. */
+static struct cap_frame *files_load(struct files *s, size_t i)
 {
-    const char *path = s->seq.item[i].path;
+    char room[CAP_REEL_NAME];
     struct pvx_diag d = {""};
     struct cap_loaded l;
-    pvx_err e = cap_image_load(path, &l, &d);
+    pvx_err e = cap_reel_load(&s->reel, i, &l, &d);
     if (e != PVX_OK) {
         files_unreadable(s, pvx_diag_text(&d, e));
         return NULL;
     }
-    struct cap_frame *f = image_fits(s, &l.img, path) ? copy_to_buffer(s, &l.img) : NULL;
+    struct cap_frame *f =
+        image_fits(s, &l.img, cap_reel_name(&s->reel, i, room)) ? copy_to_buffer(s, &l.img) : NULL;
     cap_loaded_free(&l);
     return f;
 }
@@ -240,77 +231,54 @@ static struct cap_frame *load_image(struct files *s, size_t i)
 /* ---- thread ----------------------------------------------------------------------------------- */
 
 /* Hand over the frame at its time; false = stop. */
-static bool files_deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t due,
-                          int64_t real)
+static bool files_deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t more,
+                          int64_t due, int64_t real)
 {
     if (!s->player.lossless && !cap_player_wait_until(&s->player, due)) {
         cap_frame_release(f);
         return false;
     }
     f->id = (uint64_t)place;
-    f->t_device_ns = s->player.lossless ? line_time(place, s->period_ns) : real;
+    f->t_device_ns = s->player.lossless ? line_time(place, s->period_ns) + more : real;
     f->t_arrival_ns = pvx_now_real();
     f->t_arrival_mono_ns = pvx_now_mono();
     s->player.sink.push(s->player.sink.ctx, f);
     return true;
 }
 
-/* Play one frame of turn `turn`: *img of a video, or image i of the sequence.  Adds to *good; false = stop. */
-static bool files_one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img,
-                      size_t i, uint64_t *good)
+/* Play frame i in turn `turn`.  Adds to *good; false = stop. */
+static bool files_one(struct files *s, int64_t turn, size_t i, uint64_t *good)
 {
-    int64_t place = line_place(turn, number), due = 0, real = 0;
+    int64_t more, place = line_place(turn, files_number(s, i, &more)), due = 0, real = 0;
     if (place < 0)
         return !cap_player_stopped(&s->player);
     if (!s->player.lossless) {
-        line_start(place);
+        line_start();
         line_due(place, s->period_ns, &due, &real);
+        due += more;
+        real += more;
         if (pvx_now_mono() > due + 2 * s->period_ns) { /* too slow, or opened later than others */
             cap_player_count(&s->player, CAP_ID_GAP, 1);
             *good += 1;
             return !cap_player_stopped(&s->player);
         }
     }
-    struct cap_frame *f = img == NULL                   ? load_image(s, i)
-                          : image_fits(s, img, s->name) ? copy_to_buffer(s, img)
-                                                        : NULL;
+    struct cap_frame *f = files_load(s, i);
     if (f == NULL)
         return !cap_player_stopped(&s->player);
     *good += 1;
-    return files_deliver(s, f, place, due, real);
+    return files_deliver(s, f, place, more, due, real);
 }
 
-/* Play one turn through the images; false = stop. */
-static bool turn_images(struct files *s, int64_t turn, uint64_t *good)
+/* Play one turn through the frames; false = stop. */
+static bool files_turn(struct files *s, int64_t turn, uint64_t *good)
 {
-    for (size_t i = 0; i < s->seq.n; i++) {
-        int64_t number = s->seq.item[i].number;
+    for (size_t i = 0; i < s->reel.n; i++) {
         if (i > 0)
-            cap_player_count(&s->player, CAP_ID_GAP,
-                             (uint64_t)(number - s->seq.item[i - 1].number - 1));
-        if (!files_one(s, turn, number, NULL, i, good))
+            cap_player_count(&s->player, CAP_ID_GAP, files_gap(s, i));
+        if (!files_one(s, turn, i, good))
             return false;
     }
-    return true;
-}
-
-static bool turn_video(struct files *s, int64_t turn, uint64_t *good)
-{
-    struct pvx_diag d = {""};
-    pvx_err e = PVX_OK;
-    double fps;
-    if (s->pending.data == NULL)
-        e = open_video(s, &fps, &d);
-    for (int64_t number = 0; e == PVX_OK; number++) {
-        struct cap_image img = s->pending;
-        s->pending.data = NULL;
-        if (!files_one(s, turn, number, &img, 0, good))
-            return false;
-        e = cap_video_next(s->video, &s->pending, NULL, &d);
-    }
-    s->pending.data = NULL;
-    if (e != PVX_ECLOSED)
-        files_unreadable(s, pvx_diag_text(&d, e));
     return true;
 }
 
@@ -319,7 +287,7 @@ static void *files_run(void *arg)
     struct files *s = arg;
     for (int64_t turn = 0;; turn++) {
         uint64_t good = 0;
-        if (!(s->seq.n > 0 ? turn_images : turn_video)(s, turn, &good))
+        if (!files_turn(s, turn, &good))
             return NULL;
         if (!s->loop || good == 0) /* a turn without frames is not repeated */
             break;
@@ -338,8 +306,7 @@ static void files_close(cap_source **sp)
     *sp = NULL;
     if (s->joined)
         line_leave();
-    cap_sequence_free(&s->seq);
-    cap_video_close(&s->video);
+    cap_reel_close(&s->reel);
     cap_player_fini(&s->player);
     free(s->name);
     free(s->camera_name);
@@ -348,19 +315,28 @@ static void files_close(cap_source **sp)
 
 static pvx_err files_set_up(struct files *s, const struct cap_source_config *c, struct pvx_diag *d)
 {
-    double fps = 0;
     if (s->name == NULL || s->camera_name == NULL)
         return PVX_ENOMEM;
-    if (is_video(s->name)) {
-        PVX_TRY(open_video(s, &fps, d));
-        if (c->loop)
-            PVX_TRY(measure_video(s, d));
-    } else {
-        PVX_TRY(cap_sequence_find(s->name, &s->seq, d));
-    }
+    PVX_TRY(cap_reel_open(s->name, &s->reel, d));
     PVX_TRY(files_look_at_first(s, d));
-    if (c->fps > 0)
-        fps = c->fps;
+    double step = cap_reel_step(&s->reel), fps = c->fps;
+    if (s->reel.kind == CAP_REEL_FILM && step > 0) {
+        s->step = step;
+        fps = fps > 0 ? fps : 1e9 / step;
+        if (fabs(fps * step * 1e-9 - 1) > RATES)
+            LOG_W(CAPTURE,
+                  "camera %s: %s has %.4g frames a second, but fps is %.4g; it is played at its "
+                  "own rate, so fps should be that",
+                  s->camera_name, s->name, 1e9 / step, fps);
+    } else if (step > TIMES) {
+        LOG_W(CAPTURE,
+              "camera %s: the numbers of its pictures go up by %.6g, which lasts as many frame "
+              "periods; if they are times, rename the files to count frames",
+              s->camera_name, step);
+    }
+    if (s->reel.left_out > 0)
+        LOG_W(CAPTURE, "camera %s: pictures without a number are left out: %s%s", s->camera_name,
+              s->reel.unnumbered, s->reel.left_out > 1 ? " and others" : "");
     if (!(fps > 1e-3 && fps < 1e5))
         fps = 30;
     s->period_ns = (int64_t)(1e9 / fps + 0.5);
@@ -385,10 +361,8 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
     pvx_err e = files_set_up(s, c, d);
     cap_source *base = &s->base;
     if (e == PVX_OK) {
-        size_t n = s->seq.n;
-        int64_t video_last = s->video_frames > 0 ? s->video_frames - 1 : 0;
-        line_join(n > 0 ? s->seq.item[0].number : 0,
-                  n > 0 ? s->seq.item[n - 1].number : video_last);
+        int64_t more, first = files_number(s, 0, &more);
+        line_join(first, files_number(s, s->reel.n - 1, &more));
         s->joined = true;
     } else {
         files_close(&base);
@@ -410,7 +384,8 @@ static void files_stop(cap_source *base)
 
 const struct cap_source_ops cap_source_files = {
     .scheme = "files",
-    .help = "recorded frames: DIR/cam0/%06d.png, a folder, a glob, or a video (.mp4 .avi .mkv)",
+    .help = "recorded frames: DIR/cam0/%06d.png, a folder, a glob, a TIFF stack, or a film (.mp4 "
+            ".avi .mkv)",
     .recorded = true,
     .open = files_open,
     .start = files_start,

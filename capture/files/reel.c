@@ -259,8 +259,11 @@ double cap_reel_step(const struct cap_reel *r)
         step[i] = (double)(r->frame[i + 1].at - r->frame[i].at);
     if (n > 0 && step != NULL)
         qsort(step, n, sizeof *step, pvx_ascending);
-    for (size_t i = 0; i < n && step != NULL && step[i] <= GAP * step[(n - 1) / 2]; i++, usual++)
-        sum += step[i];
+    for (size_t i = 0; i < n && step != NULL; i++)
+        if (step[i] <= GAP * step[(n - 1) / 2] && step[i] * GAP >= step[(n - 1) / 2]) {
+            sum += step[i];
+            usual++;
+        }
     free(step);
     return usual > 0 ? sum / (double)usual : 0;
 }

@@ -283,6 +283,49 @@ T_CASE(large_frame_numbers)
     T_LE(volume_error("vlast/1000001.npy", 2, REC_BOX), 0.25);
 }
 
+/* Numbers of a clock, beyond 32 bits and apart by jitter; names in capitals; hidden files. */
+T_CASE(numbers_that_are_times)
+{
+    struct pvx_diag d = {""};
+    record("png", "png");
+    for (size_t c = 0; c + 1 < CAMERAS; c++) {
+        T_EQ_I(pvx_mkdirs(at("us/cam%zu", c), &d), PVX_OK);
+        for (int f = 0; f < FRAMES; f++)
+            T_EQ_I(symlink(at("png/cam%zu/%06d.png", c, f),
+                           at("us/cam%zu/x%lld.PNG", c, 4294000000LL + f * 50000 + (int)c * 7)),
+                   0);
+        T_EQ_I(pvx_file_write(at("us/cam%zu/._x1.PNG", c), "junk", 4, &d), PVX_OK);
+    }
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames us " EIGHT " --out vus --quiet"), 1);
+    T_CONTAINS(slurp("err"), "cam0: 0 of its 3 frames have a number that another camera has too");
+    T_CONTAINS(slurp("err"), "--numbers ms, us or ns");
+    T_EQ_I(
+        pyrovox("reconstruct --rig rig.yaml --frames us " EIGHT " --numbers us --out vus --quiet"),
+        0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png " EIGHT " --out vpng --quiet"), 0);
+    for (int f = 0; f < FRAMES; f++) {
+        char cmd[400];
+        snprintf(cmd, sizeof cmd, "cmp '%s/vus/%06d.npy' '%s/vpng/%06d.npy'", dir, f, dir, f);
+        T_EQ_I(system(cmd), 0); /* NOLINT(cert-env33-c,bugprone-command-processor) */
+    }
+    /* a name that no camera has, two files of one number, one film */
+    T_EQ_I(rename(at("us/cam2"), at("us/cam 2")), 0);
+    T_EQ_I(
+        pyrovox("reconstruct --rig rig.yaml --frames us " EIGHT " --numbers us --out vus --quiet"),
+        0);
+    T_CONTAINS(slurp("err"), "no frames of cam2, missing in all sets; 'cam 2' in it belongs to");
+    T_EQ_I(symlink(at("png/cam1/000001.png"), at("png/cam1/1.tif")), 0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png " EIGHT " --out vus --quiet"), 1);
+    T_CONTAINS(slurp("err"), "png/cam1/1.tif");
+    T_CONTAINS(slurp("err"), "png/cam1/000001.png");
+    T_EQ_I(unlink(at("png/cam1/1.tif")), 0);
+    T_EQ_I(pvx_file_write(at("png/cam1.mp4"), "film", 4, &d), PVX_OK);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png " EIGHT " --out vus --quiet"), 1);
+    T_CONTAINS(slurp("err"), "png/cam1.mp4");
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png/cam1.mp4 --out vus --quiet"), 1);
+    T_CONTAINS(slurp("err"), "is one film");
+}
+
 /* A take of a camera's JPEG pictures: one set, sRGB. */
 T_CASE(a_take_of_jpegs)
 {

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "base/mem.h"
 #include "capture/files/sequence.h"
 #include "daemon/cli/calibrate/look.h"
 #include "daemon/cli/common/take_notes.h"
@@ -37,68 +38,102 @@ static pvx_err find_add_camera(struct calibrate_look *l, const char *where, cons
     return PVX_OK;
 }
 
-static pvx_err find_add_folder(struct calibrate_look *l, const char *dir, const char *path,
-                               const char *name, struct pvx_diag *d)
+/* Add the camera of a folder, a film or a stack.  A folder without pictures is said, and no camera. */
+static pvx_err find_add_reel(struct calibrate_look *l, const char *dir, const char *path,
+                             const char *name, struct pvx_diag *d)
 {
-    struct cap_sequence s;
-    pvx_err e = cap_sequence_find(path, &s, d);
-    if (e == PVX_ENOENT && d != NULL) /* the folder has no pictures */
-        d->text[0] = '\0';
-    if (e != PVX_OK) {
-        cap_sequence_free(&s);
-        return e == PVX_ENOENT ? PVX_OK : e;
-    }
-    uint32_t c = (uint32_t)l->n_cameras;
-    struct calibrate_picture *more = NULL;
-    e = find_add_camera(l, dir, "a folder with pictures in it", name, d);
-    if (e == PVX_OK && s.item[s.n - 1].number >= REC_NO_FRAME)
-        e = pvx_fail(d, PVX_ERANGE, "%s: its number is too large", s.item[s.n - 1].path);
-    if (e == PVX_OK && (more = realloc(l->picture, (l->n + s.n) * sizeof *more)) == NULL)
-        e = PVX_ENOMEM;
+    struct pvx_diag why = {""};
+    struct cap_reel r;
+    const bool film = cap_is_video(path);
+    bool mixed = l->n_reels > 0 && (l->reel[0].kind == CAP_REEL_FILM) != film;
+    if (film)
+        PVX_TRY(find_add_camera(l, dir, "a video", name, d));
+    r = (struct cap_reel){0};
+    pvx_err e = film && mixed ? PVX_EINVAL : cap_reel_open(path, &r, &why);
+    if (e == PVX_OK && !film)
+        e = find_add_camera(l, dir, "a folder with pictures in it", name, &why);
+    if (e == PVX_OK && l->n_reels > 0)
+        mixed = (r.kind == CAP_REEL_FILM) != (l->reel[0].kind == CAP_REEL_FILM);
+    if (mixed && (film || e == PVX_OK))
+        e = pvx_fail(&why, PVX_EINVAL,
+                     "%s: folders with pictures and videos side by side: give a folder with "
+                     "pictures or one with videos",
+                     dir);
     if (e == PVX_OK) {
-        l->picture = more;
-        for (size_t i = 0; i < s.n; i++) {
-            l->picture[l->n++] = (struct calibrate_picture){.camera = c,
-                                                            .frame = (uint32_t)s.item[i].number,
-                                                            .path = s.item[i].path,
-                                                            .at = CALIBRATE_NO_VIEW};
-            s.item[i].path = NULL;
-        }
-        l->count[c].pictures = s.n;
+        l->reel[l->n_reels++] = r;
+        if (r.kind != CAP_REEL_PICTURES)
+            l->source = CALIBRATE_REELS;
+        return PVX_OK;
     }
-    cap_sequence_free(&s);
-    return e;
-}
-
-static pvx_err add_video(struct calibrate_look *l, const char *dir, const char *path,
-                         const char *name, struct pvx_diag *d)
-{
-    char camera[256];
-    size_t c = l->n_cameras;
-    snprintf(camera, sizeof camera, "%.*s", (int)(strrchr(name, '.') - name), name);
-    PVX_TRY(find_add_camera(l, dir, "a video", camera, d));
-    l->source = CALIBRATE_VIDEOS;
-    return (l->video[c] = strdup(path)) != NULL ? PVX_OK : PVX_ENOMEM;
+    cap_reel_close(&r);
+    if (e == PVX_ENOENT && !film) {
+        fprintf(stderr, "pyrovox: %s\n", why.text);
+        return PVX_OK;
+    }
+    return e == PVX_ENOMEM ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
 }
 
 static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *name,
                          struct pvx_diag *d)
 {
-    char path[4096];
+    char path[4096], camera[256];
     struct stat st;
+    uint32_t pages = 0;
     if (snprintf(path, sizeof path, "%s/%s", dir, name) >= (int)sizeof path)
         return pvx_fail(d, PVX_ERANGE, "%.80s...: name too long", dir);
     if (stat(path, &st) != 0)
         return PVX_OK;
     if (S_ISDIR(st.st_mode))
-        PVX_TRY(find_add_folder(l, dir, path, name, d));
-    else if (cap_is_video(name))
-        PVX_TRY(add_video(l, dir, path, name, d));
-    if (l->n > 0 && l->source == CALIBRATE_VIDEOS)
-        return pvx_fail(d, PVX_EINVAL,
-                        "%s: folders with pictures and videos side by side: give a "
-                        "folder with pictures or one with videos",
-                        dir);
+        return find_add_reel(l, dir, path, name, d);
+    if (!cap_is_video(name) &&
+        (!cap_is_image(name) || cap_image_pages(path, &pages, NULL) != PVX_OK || pages < 2))
+        return PVX_OK;
+    snprintf(camera, sizeof camera, "%.*s", (int)(strrchr(name, '.') - name), name);
+    return find_add_reel(l, dir, path, camera, d);
+}
+
+/* Which pictures are of one instant, and the list of them where all are looked at. */
+static pvx_err find_pair(struct calibrate_look *l, const char *dir, struct pvx_diag *d)
+{
+    const char *name[REC_MAX_CAMERAS];
+    struct cap_pairs *p = &l->pairs;
+    bool pictures = l->source == CALIBRATE_FOLDERS;
+    for (size_t c = 0; c < l->n_cameras; c++)
+        name[c] = l->camera[c].name;
+    pvx_err e = cap_pairs_find(l->reel, name, l->n_cameras, l->numbers,
+                               pictures && l->numbers == CAP_NUMBERS_COUNT, p, d);
+    for (char *rest = p->said, *line; (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+        fprintf(stderr, "pyrovox: %s: %s\n", dir, line);
+    PVX_TRY(e);
+    for (size_t c = 0; c < l->n_cameras; c++) {
+        const struct cap_reel *r = &l->reel[c];
+        if (r->kind == CAP_REEL_PICTURES && l->numbers == CAP_NUMBERS_COUNT &&
+            r->frame[r->n - 1].at >= REC_NO_FRAME)
+            return pvx_fail(d, PVX_ERANGE,
+                            "%s: its number is too large; if it is a time, say --numbers ms, us or "
+                            "ns",
+                            r->path[r->n - 1]);
+        l->n += pictures ? r->n : 0;
+    }
+    if (l->n == 0)
+        return PVX_OK;
+    if ((l->picture = pvx_calloc(l->n, sizeof *l->picture)) == NULL)
+        return PVX_ENOMEM;
+    l->n = 0;
+    for (uint32_t c = 0; c < l->n_cameras; c++)
+        for (size_t k = 0; k < p->n; k++) {
+            int64_t row = p->row[k * l->n_cameras + c];
+            if (row < 0)
+                continue;
+            struct calibrate_picture *to = &l->picture[l->n++];
+            *to = (struct calibrate_picture){.camera = c,
+                                             .frame = (uint32_t)p->number[k],
+                                             .path = strdup(l->reel[c].path[row]),
+                                             .at = CALIBRATE_NO_VIEW};
+            l->count[c].pictures++;
+            if (to->path == NULL)
+                return PVX_ENOMEM;
+        }
     return PVX_OK;
 }
 
@@ -131,15 +166,22 @@ static pvx_err find_take(struct calibrate_look *l, const char *path, struct pvx_
         PVX_TRY(find_add_camera(l, path, "a camera", name[c], d));
         l->take_camera[c] = cap_take_find(l->take, name[c]);
     }
-    return (l->video[0] = strdup(path)) != NULL ? PVX_OK : PVX_ENOMEM;
+    return (l->path = strdup(path)) != NULL ? PVX_OK : PVX_ENOMEM;
 }
 
-pvx_err calibrate_find(struct calibrate_look *l, const char *path, struct pvx_diag *d)
+pvx_err calibrate_find(struct calibrate_look *l, const char *path, enum cap_numbers numbers,
+                       struct pvx_diag *d)
 {
     struct dirent **entry;
     struct stat st;
-    *l = (struct calibrate_look){.always = REC_NO_FRAME, .to = REC_NO_FRAME};
-    if (stat(path, &st) == 0 && S_ISREG(st.st_mode))
+    *l = (struct calibrate_look){.always = REC_NO_FRAME, .to = REC_NO_FRAME, .numbers = numbers};
+    bool there = stat(path, &st) == 0;
+    if (there && S_ISREG(st.st_mode) && (cap_is_video(path) || cap_is_image(path)))
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: is one file: give the folder that has a folder of pictures or a video "
+                        "for each camera",
+                        path);
+    if (there && S_ISREG(st.st_mode))
         return find_take(l, path, d);
     int n = scandir(path, &entry, NULL, alphasort);
     if (n < 0)
@@ -156,5 +198,5 @@ pvx_err calibrate_find(struct calibrate_look *l, const char *path, struct pvx_di
                      "%s: no pictures; looked for %s/<camera>/<number>.(npy|png|tif|jpg) and "
                      "%s/<camera>.(mp4|avi|mkv|mov)",
                      path, path, path);
-    return e;
+    return e == PVX_OK ? find_pair(l, path, d) : e;
 }

@@ -140,7 +140,7 @@ static int live_by_number(const void *a, const void *b)
 static pvx_err live_take_over(struct live *l, struct pvx_diag *d)
 {
     struct calibrate_look old, *k = &l->job.look;
-    pvx_err e = calibrate_find(&old, l->frames, d);
+    pvx_err e = calibrate_find(&old, l->frames, CAP_NUMBERS_COUNT, d);
     if (e == PVX_ENOENT && old.source == CALIBRATE_FOLDERS) {
         d->text[0] = '\0';
         return PVX_OK;

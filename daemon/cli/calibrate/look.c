@@ -188,7 +188,9 @@ void calibrate_look_fini(struct calibrate_look *l)
         free(l->picture[i].view.corner);
     }
     for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
-        PVX_FREE(l->video[c]);
+        cap_reel_close(&l->reel[c]);
+    cap_pairs_free(&l->pairs);
+    PVX_FREE(l->path);
     cap_take_free(&l->take);
     PVX_FREE(l->picture);
     PVX_FREE(l->view);

@@ -2,9 +2,11 @@
  *
  *   DIR/<camera>/<number>.(npy|png|tif|tiff|jpg|jpeg)  every folder with pictures is a camera; the number is the last
  *                            run of digits in a file's name, and pictures of one instant have the same number
- *   DIR/<camera>.(mp4|avi|mkv|mov)  videos that started together; the number counts frames from 0
+ *   DIR/<camera>.(mp4|avi|mkv|mov), or in the folder  videos whose times have one zero; frames of one instant have one
+ *                            number, which counts from 0 (pairs.h)
+ *   DIR/<camera>.tif, or in the folder  TIFF files of several pages; the number counts pages from 0
  *   FILE.h5                  a take; the number is that of the set
- * In folders every picture is looked at.  Videos and takes have thousands, so only the instants with the least motion
+ * In folders every picture is looked at.  Videos, stacks and takes have thousands, so only the instants with the least motion
  * are looked at (reel.h).
  * Ownership: the struct is the caller's.  calibrate_look_fini frees its contents, after an error too. */
 #ifndef CALIBRATE_LOOK_H
@@ -15,13 +17,14 @@
 
 #include "base/err.h"
 #include "base/pool.h"
+#include "capture/files/pairs.h"
 #include "capture/take/take.h"
 #include "recon/board/detect.h"
 #include "recon/calib/calib.h"
 
 #define CALIBRATE_NO_VIEW SIZE_MAX
 
-enum calibrate_source { CALIBRATE_FOLDERS, CALIBRATE_VIDEOS, CALIBRATE_TAKE };
+enum calibrate_source { CALIBRATE_FOLDERS, CALIBRATE_REELS, CALIBRATE_TAKE };
 
 struct calibrate_picture {
     uint32_t camera, frame;
@@ -46,8 +49,12 @@ struct calibrate_look {
     struct calibrate_picture *picture; /* [n] by camera, then number */
     struct rec_board_view *view;       /* [n_views]; corners are the pictures' */
     enum calibrate_source source;
-    char *video[REC_MAX_CAMERAS]; /* files, */
-    cap_take *take;               /* or one take */
+    enum cap_numbers numbers;
+    size_t n_reels;
+    struct cap_reel reel[REC_MAX_CAMERAS]; /* of each camera, */
+    struct cap_pairs pairs;
+    cap_take *take; /* or one take, of this file */
+    char *path;
     int take_camera[REC_MAX_CAMERAS];
     uint32_t every;    /* look at one of so many instants; 0: at about CALIBRATE_LOOKED_AT in all */
     uint32_t always;   /* look at this one in any case; REC_NO_FRAME: none */
@@ -62,7 +69,7 @@ struct calibrate_look {
  * no pictures; PVX_EINVAL: a name that no camera can have, two pictures of one number, folders and videos side by
  * side; PVX_ERANGE: too many cameras, numbers too large; a take's. */
 PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path,
-                                      struct pvx_diag *d);
+                                      enum cap_numbers numbers, struct pvx_diag *d);
 /* The camera whose name is these `len` characters.  n_cameras: there is none. */
 size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t len);
 /* Look at every picture.  The result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C); the

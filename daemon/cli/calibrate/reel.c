@@ -3,16 +3,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-pvx_err calibrate_reel_open(struct calibrate_reel *r, const struct calibrate_look *l, size_t camera,
+pvx_err calibrate_reel_open(struct calibrate_reel *r, struct calibrate_look *l, size_t camera,
                             struct pvx_diag *d)
 {
+    (void)d;
     *r = (struct calibrate_reel){.l = l, .camera = camera};
-    if (l->source == CALIBRATE_VIDEOS) {
-        struct cap_video_info info = {0};
-        pvx_err e = cap_video_open(l->video[camera], &r->video, &info, d);
-        r->fps = info.fps;
-        return e;
-    }
+    if (l->source == CALIBRATE_REELS)
+        return PVX_OK;
     uint32_t c = (uint32_t)l->take_camera[camera];
     const struct cap_take_camera *k = &cap_take_info(l->take)->head.camera[c];
     r->size = cap_take_frame_max(l->take, c);
@@ -22,14 +19,20 @@ pvx_err calibrate_reel_open(struct calibrate_reel *r, const struct calibrate_loo
     return k->fmt == CAP_JPEG ? cap_jpeg_new(k->width, k->height, &r->jpeg) : PVX_OK;
 }
 
-static pvx_err from_video(struct calibrate_reel *r, uint32_t number, struct cap_image *img,
-                          struct pvx_diag *d)
+static pvx_err from_reel(struct calibrate_reel *r, uint32_t number, struct cap_image *img,
+                         struct pvx_diag *d)
 {
-    for (; r->next < number; r->next++)
-        PVX_TRY(cap_video_next(r->video, NULL, NULL, d));
-    PVX_TRY(cap_video_next(r->video, img, NULL, d));
-    r->next++;
-    return PVX_OK;
+    const struct cap_pairs *p = &r->l->pairs;
+    size_t k = number < p->n && p->number[number] == number ? number : 0; /* as a rule */
+    while (k < p->n && p->number[k] != number)
+        k++;
+    int64_t row = k < p->n ? p->row[k * r->l->n_cameras + r->camera] : -1;
+    cap_loaded_free(&r->loaded);
+    if (row < 0)
+        return PVX_ENOENT;
+    pvx_err e = cap_reel_load(&r->l->reel[r->camera], (size_t)row, &r->loaded, d);
+    *img = r->loaded.img;
+    return e;
 }
 
 static pvx_err from_take(struct calibrate_reel *r, uint32_t number, struct cap_image *img,
@@ -48,19 +51,19 @@ static pvx_err from_take(struct calibrate_reel *r, uint32_t number, struct cap_i
     const struct cap_image coded = *img;
     pvx_err e = cap_jpeg_decode(r->jpeg, &coded, img, &why);
     return e == PVX_OK ? e
-                       : pvx_fail(d, e, "%s: camera %s, set %u: %s", r->l->video[0],
+                       : pvx_fail(d, e, "%s: camera %s, set %u: %s", r->l->path,
                                   r->l->camera[r->camera].name, number, pvx_diag_text(&why, e));
 }
 
 pvx_err calibrate_reel_read(struct calibrate_reel *r, uint32_t number, struct cap_image *img,
                             struct pvx_diag *d)
 {
-    return r->video != NULL ? from_video(r, number, img, d) : from_take(r, number, img, d);
+    return r->l->take == NULL ? from_reel(r, number, img, d) : from_take(r, number, img, d);
 }
 
 void calibrate_reel_close(struct calibrate_reel *r)
 {
-    cap_video_close(&r->video);
+    cap_loaded_free(&r->loaded);
     cap_jpeg_free(&r->jpeg);
     free(r->mem);
     *r = (struct calibrate_reel){0};

@@ -14,21 +14,18 @@
 #define CALIBRATE_LOOKED_AT 200 /* instants, by default */
 
 struct calibrate_reel {
-    const struct calibrate_look *l; /* borrowed */
+    struct calibrate_look *l; /* borrowed; its reel of this camera is used */
     size_t camera;
-    cap_video *video;
-    uint32_t next; /* of the video */
-    double fps;
-    void *mem; /* of the take */
+    struct cap_loaded loaded; /* of the reel */
+    void *mem;                /* of the take */
     size_t size;
     cap_jpeg *jpeg;
 };
 /* Errors: the file's. */
-PVX_MUST_CHECK pvx_err calibrate_reel_open(struct calibrate_reel *r, const struct calibrate_look *l,
+PVX_MUST_CHECK pvx_err calibrate_reel_open(struct calibrate_reel *r, struct calibrate_look *l,
                                            size_t camera, struct pvx_diag *d);
-/* Read the picture of this number.  In a video numbers must not go back.  The picture is borrowed until the next call
- * and never JPEG.  Errors: PVX_ECLOSED: the video ends before it; PVX_ENOENT: the take's set lacks it; those of
- * reading. */
+/* Read the picture of this number.  A video is fast only forwards.  The picture is borrowed until the next call
+ * and never JPEG.  Errors: PVX_ENOENT: there is none; those of reading. */
 PVX_MUST_CHECK pvx_err calibrate_reel_read(struct calibrate_reel *r, uint32_t number,
                                            struct cap_image *img, struct pvx_diag *d);
 void calibrate_reel_close(struct calibrate_reel *r);
@@ -46,7 +43,7 @@ struct calibrate_motion {
 size_t calibrate_choose(const struct calibrate_motion *m, size_t cameras, size_t every, size_t *at);
 
 /* Read all reels and list in l the pictures to look at.  The result does not depend on the number of threads.
- * Errors: PVX_ECANCELED (Ctrl-C); PVX_EINVAL: videos of different rates; the files'. */
+ * Errors: PVX_ECANCELED (Ctrl-C); the files'. */
 PVX_MUST_CHECK pvx_err calibrate_survey(struct calibrate_look *l, pvx_pool *pool, bool quiet,
                                         struct pvx_diag *d);
 #endif

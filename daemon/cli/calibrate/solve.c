@@ -11,17 +11,21 @@ struct args {
     struct calibrate_args c;
     const char *frames;
     int64_t every, from, to; /* every 0: not given */
+    int numbers;             /* enum cap_numbers */
     const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
     size_t n_binning, n_region;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_BINNING, OPT_REGION };
+enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_NUMBERS, OPT_BINNING, OPT_REGION };
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
      "DIR/<camera>/<number>.(png|tif|jpg|npy), pictures of one instant have one number; or videos "
-     "that "
-     "started together, DIR/<camera>.(mp4|avi|mkv|mov); or a take, FILE.h5",
+     "whose times begin together, DIR/<camera>.(mp4|avi|mkv|mov); or a take, FILE.h5",
+     0},
+    {"numbers", OPT_NUMBERS, CAP_NUMBERS, 0,
+     "what the numbers of pictures are: count (default), or times of the cameras' common clock, "
+     "which are paired to half a frame period",
      0},
     {"every", OPT_EVERY, "N", 0,
      "of every N frames of videos, or sets of a take, look at the one in which the least moves "
@@ -77,6 +81,7 @@ static error_t solve_parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
     case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
     case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
+    case OPT_NUMBERS: a->numbers = cli_arg_word(st, "numbers", arg, CAP_NUMBERS); return 0;
     case OPT_BINNING: solve_keep(st, a->binning, &a->n_binning, arg); return 0;
     case OPT_REGION: solve_keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
@@ -92,7 +97,7 @@ static pvx_err solve_run(struct calibrate_job *j, const struct args *a, struct p
 {
     pvx_pool *pool;
     PVX_TRY(calibrate_start(j, &a->c, d));
-    PVX_TRY(calibrate_find(&j->look, a->frames, d));
+    PVX_TRY(calibrate_find(&j->look, a->frames, (enum cap_numbers)a->numbers, d));
     if (a->every > 0 && j->look.source == CALIBRATE_FOLDERS)
         return pvx_fail(
             d, PVX_EINVAL,

@@ -10,8 +10,7 @@
 #include "daemon/cli/calibrate/reel.h"
 #include "daemon/cli/common/cli.h"
 
-#define THUMB 160  /* bins along the longer side of the compared pictures */
-#define RATES 0.01 /* videos whose rates differ by more were not taken together */
+#define THUMB 160 /* bins along the longer side of the compared pictures */
 #define LACK  4.0
 
 /* ---- motion ---- */
@@ -19,7 +18,6 @@
 struct survey {
     struct calibrate_look *l;
     struct calibrate_motion motion[REC_MAX_CAMERAS];
-    double fps[REC_MAX_CAMERAS];
     pthread_mutex_t lock; /* guards all fields below */
     size_t done;
     pvx_err e;
@@ -85,7 +83,8 @@ static pvx_err survey_note(struct calibrate_motion *m, size_t *room, float v)
 /* The number of instant k. */
 static uint32_t survey_number_of(const struct calibrate_look *l, size_t k)
 {
-    return l->take != NULL ? (uint32_t)cap_take_set(l->take, k, NULL)->number : (uint32_t)k;
+    return l->take != NULL ? (uint32_t)cap_take_set(l->take, k, NULL)->number
+                           : (uint32_t)l->pairs.number[k];
 }
 
 static bool survey_in_range(const struct calibrate_look *l, size_t k)
@@ -97,14 +96,12 @@ static pvx_err go_through(struct survey *s, size_t c, struct calibrate_reel *r, 
                           struct pvx_diag *d)
 {
     const struct calibrate_look *l = s->l;
-    size_t room = 0, n = l->take != NULL ? (size_t)cap_take_info(l->take)->sets : REC_NO_FRAME;
+    size_t room = 0, n = l->take != NULL ? (size_t)cap_take_info(l->take)->sets : l->pairs.n;
     for (size_t k = 0; k < n && !cli_stop; k++) {
         struct cap_image img;
         struct pvx_diag why = {""};
         pvx_err e = calibrate_reel_read(r, survey_number_of(l, k), &img, &why);
-        if (e == PVX_ECLOSED)
-            break;
-        if (e != PVX_OK && l->take == NULL)
+        if (e != PVX_OK && e != PVX_ENOENT && l->take == NULL)
             return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
         bool good = e == PVX_OK && survey_shrink(t, &img);
         PVX_TRY(survey_note(&s->motion[c], &room,
@@ -125,9 +122,6 @@ static void survey_camera(void *ctx, size_t c)
     pvx_err e = calibrate_reel_open(&r, s->l, c, &d);
     if (e == PVX_OK)
         e = go_through(s, c, &r, &t, &d);
-    s->fps[c] = r.fps;
-    if (e == PVX_OK && s->motion[c].n == 0)
-        e = pvx_fail(&d, PVX_EFORMAT, "%s: no frame in it", s->l->video[c]);
     calibrate_reel_close(&r);
     free(t.now);
     free(t.before);
@@ -212,9 +206,11 @@ static pvx_err survey_list_camera(struct survey *s, size_t c, const size_t *at, 
             continue;
         *p = (struct calibrate_picture){
             .camera = (uint32_t)c, .frame = survey_number_of(l, at[i]), .at = CALIBRATE_NO_VIEW};
-        int n = l->take != NULL ? asprintf(&p->path, "%s: set %u of %s", l->video[0], p->frame,
-                                           l->camera[c].name)
-                                : asprintf(&p->path, "%s: frame %u", l->video[c], p->frame);
+        char room[CAP_REEL_NAME];
+        int64_t row = l->take == NULL ? l->pairs.row[at[i] * l->n_cameras + c] : 0;
+        int n = l->take != NULL
+                    ? asprintf(&p->path, "%s: set %u of %s", l->path, p->frame, l->camera[c].name)
+                    : asprintf(&p->path, "%s", cap_reel_name(&l->reel[c], (size_t)row, room));
         if (n < 0) {
             p->path = NULL;
             return PVX_ENOMEM;
@@ -245,31 +241,26 @@ static void survey_say(struct calibrate_look *l, size_t least, size_t most, size
     snprintf(l->said + n, sizeof l->said - (size_t)n, "%.100s", more);
 }
 
-static pvx_err survey_choose(struct survey *s, struct pvx_diag *d)
+static pvx_err survey_choose(struct survey *s)
 {
     struct calibrate_look *l = s->l;
     size_t most = 1, least = SIZE_MAX; /* a camera without an instant does not come here */
     for (size_t c = 0; c < l->n_cameras; c++) {
-        most = s->motion[c].n > most ? s->motion[c].n : most;
-        least = s->motion[c].n < least ? s->motion[c].n : least;
-        if (s->fps[0] > 0 && s->fps[c] > 0 && fabs(s->fps[c] / s->fps[0] - 1) > RATES)
-            return pvx_fail(
-                d, PVX_EINVAL,
-                "%s has %.3g frames a second, %s %.3g: frames of one number must be of one "
-                "instant, so record with one rate",
-                l->video[c], s->fps[c], l->video[0], s->fps[0]);
+        size_t own = l->take != NULL ? s->motion[c].n : l->reel[c].n;
+        most = own > most ? own : most;
+        least = own < least ? own : least;
     }
-    size_t wanted = 0;
-    for (size_t k = 0; k < most; k++)
+    size_t wanted = 0, sets = l->take != NULL ? most : l->pairs.n;
+    for (size_t k = 0; k < sets; k++)
         wanted += survey_in_range(l, k);
-    wanted = wanted > 0 ? wanted : most; /* none: refused by calibrate_only */
+    wanted = wanted > 0 ? wanted : sets; /* none: refused by calibrate_only */
     size_t every = l->every > 0 ? l->every : (wanted - 1) / CALIBRATE_LOOKED_AT + 1;
-    size_t *at = pvx_calloc(most / every + 2, sizeof *at);
+    size_t *at = pvx_calloc(sets / every + 2, sizeof *at);
     if (at == NULL)
         return PVX_ENOMEM;
     size_t chosen = calibrate_choose(s->motion, l->n_cameras, every, at);
     if (l->always != REC_NO_FRAME)
-        chosen = include(l, most, at, chosen);
+        chosen = include(l, sets, at, chosen);
     size_t kept = 0;
     for (size_t i = 0; i < chosen; i++)
         if (survey_in_range(l, at[i]))
@@ -291,7 +282,7 @@ pvx_err calibrate_survey(struct calibrate_look *l, pvx_pool *pool, bool quiet, s
     pvx_pool_run(pool, l->n_cameras, survey_camera, &s);
     pthread_mutex_destroy(&s.lock);
     pvx_err e =
-        s.e == PVX_OK ? survey_choose(&s, d) : pvx_fail(d, s.e, "%s", pvx_diag_text(&s.d, s.e));
+        s.e == PVX_OK ? survey_choose(&s) : pvx_fail(d, s.e, "%s", pvx_diag_text(&s.d, s.e));
     for (size_t c = 0; c < l->n_cameras; c++)
         free(s.motion[c].of);
     return e;
