@@ -178,6 +178,12 @@ static pvx_err tiff_check_samples(struct tiff *t, struct pvx_diag *d)
                         "%s: floats of which the smallest is white, or that are entries of a map: "
                         "save it as grey or RGB",
                         t->name);
+    float *levels;
+    if (TIFFGetField(t->tif, TIFFTAG_REFERENCEBLACKWHITE, &levels))
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: names samples for black and white (ReferenceBlackWhite) that are not "
+                        "the ends of its scale: save it without this tag",
+                        t->name);
     t->colours = t->photometric == PHOTOMETRIC_RGB ? 3 : 1;
     t->channels = t->photometric >= PHOTOMETRIC_RGB ? 3 : 1;
     uint16_t extras = 0, *extra = NULL;

@@ -61,10 +61,7 @@ static void tiff_tag(const struct tiff_chain *t, const unsigned char *p, uint64_
     static const struct {
         uint16_t tag;
         const char *name;
-    } strange[] = {{291, "GrayResponseCurve"},
-                   {532, "ReferenceBlackWhite"},
-                   {33422, "CFAPattern"},
-                   {50706, "DNGVersion"}};
+    } strange[] = {{291, "GrayResponseCurve"}, {33422, "CFAPattern"}, {50706, "DNGVersion"}};
     uint64_t type = tiff_number(t, p + 2, 2);
     unsigned wide = t->big ? 8 : 4, item = type == 1 ? 1 : type == 3 ? 2 : type == 16 ? 8 : 4;
     item = item < wide ? item : wide;

@@ -20,6 +20,7 @@ struct kind {
     int rows, predictor, fill;
     bool big_endian, big, counts;
     const char *text;
+    const float *levels;
 };
 
 static void put_bits(unsigned char *p, size_t at, unsigned bits, uint64_t v)
@@ -93,6 +94,8 @@ static void add_page(TIFF *t, const struct kind *k, unsigned page)
         TIFFSetField(t, TIFFTAG_PREDICTOR, k->predictor);
     if (k->fill > 0)
         TIFFSetField(t, TIFFTAG_FILLORDER, k->fill);
+    if (k->levels != NULL)
+        TIFFSetField(t, TIFFTAG_REFERENCEBLACKWHITE, k->levels);
     if (k->text != NULL)
         TIFFSetField(t, TIFFTAG_IMAGEDESCRIPTION, k->text);
     if (k->orientation > 0)
@@ -310,6 +313,7 @@ static bool is_refused(const char *name, const char *says, pvx_err want)
 T_CASE(what_is_refused)
 {
     enum { WHITE = PHOTOMETRIC_MINISWHITE, BLACK = PHOTOMETRIC_MINISBLACK, RGB = PHOTOMETRIC_RGB };
+    static const float levels[6] = {16, 235, 16, 235, 16, 235};
     static const struct {
         struct kind k;
         const char *says;
@@ -332,6 +336,7 @@ T_CASE(what_is_refused)
         {{BLACK, 1, 8, .orientation = 6, .big_endian = true}, "exiftool"},
         {{BLACK, 1, 8, .orientation = 8, .big = true}, "orientation tag (8)"},
         {{BLACK, 1, 8, .compression = COMPRESSION_JPEG}, "JPEG, with losses"},
+        {{RGB, 3, 8, .levels = levels}, "ReferenceBlackWhite"},
         {{BLACK, 1, 8, .fill = 2}, "FillOrder 2"},
         {{BLACK, 1, 32, .counts = true}, "seem to be counts"},
         {{BLACK, 1, 16, .text = "ImageJ=1.53t\nimages=4000\nslices=4000\n"}, "has 4000 pictures"},
@@ -372,7 +377,6 @@ T_CASE(strange_tags_are_refused)
         pvx_err e;
         const char *says;
     } bad[] = {{274, 291, 1, 1, PVX_EUNSUP, "GrayResponseCurve"},
-               {274, 532, 1, 1, PVX_EUNSUP, "ReferenceBlackWhite"},
                {274, 33422, 1, 1, PVX_EUNSUP, "CFAPattern"},
                {274, 50706, 1, 1, PVX_EUNSUP, "DNGVersion"},
                {274, 317, 1, 2, PVX_EUNSUP, "Predictor"},
