@@ -99,6 +99,11 @@ int markers(const struct rec_cv_picture *p, const struct rec_cv_search *s,
             dict = both_sides(s->dictionary);
         scaled(img, s->scale);
         auto par = cv::aruco::DetectorParameters::create();
+        par->markerBorderBits = s->border;
+        if (s->border > 1) { /* a window within the border sees no ink: take larger ones too */
+            par->adaptiveThreshWinSizeMax = 63;
+            par->adaptiveThreshWinSizeStep = 20;
+        }
         par->adaptiveThreshConstant = s->darker;
         par->minMarkerPerimeterRate = 4 * s->min_side * s->scale / std::max(img.cols, img.rows);
         par->minMarkerDistanceRate = 0.02; /* squares of a board lie close together */

@@ -18,7 +18,7 @@ extern "C" {
 #define REC_CV_NOEXCEPT
 #endif
 
-#define REC_CV_VERSION 2
+#define REC_CV_VERSION 3
 
 struct rec_cv_picture {
     const uint8_t *grey;
@@ -34,6 +34,7 @@ struct rec_cv_marker {
 
 struct rec_cv_search {
     int dictionary;
+    int border;        /* cells of a marker's border */
     double scale;      /* of the picture before the search; above 1 it is also sharpened */
     double min_side;   /* px, of a marker, in the picture as it is */
     double darker;     /* grey levels by which ink is darker than its surroundings */

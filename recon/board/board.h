@@ -12,6 +12,13 @@
 #include <stdint.h>
 
 enum rec_board_kind { REC_CHARUCO, REC_CHESSBOARD, REC_APRILGRID };
+/* How an aprilgrid was drawn, bits.  0: as sheet.h draws it, marker 0 at the top left, as OpenCV draws markers. */
+enum rec_grid_layout {
+    REC_GRID_UP = 1,     /* marker 0 at the bottom left, rows count upwards */
+    REC_GRID_TURNED = 2, /* markers stand as AprilTag draws them: half a turn against OpenCV */
+    REC_GRID_WIDE = 4,   /* a marker's border is two cells wide */
+    REC_GRID_KALIBR = 7
+};
 enum rec_board_face { REC_FRONT, REC_BACK };
 
 struct rec_board {
@@ -21,6 +28,7 @@ struct rec_board {
     double marker;       /* m; aprilgrid: gap between markers */
     char dictionary[32]; /* "5X5_100"; "" for a chessboard */
     bool legacy;         /* charuco of even rows as OpenCV before 4.6 drew them */
+    uint8_t grid;        /* aprilgrid: bits of enum rec_grid_layout */
     bool inverted;       /* white and black change places */
     bool two_sided;
     double thickness; /* m; NAN: to be estimated */

@@ -41,6 +41,7 @@ struct rec_board_sight {
     struct rec_board_view
         view;    /* n > 0 only when found; camera and frame 0; the detector's until its next call */
     bool legacy; /* the layout of charuco squares that fits */
+    uint8_t grid;     /* the layout of the aprilgrid that fits */
     uint32_t markers; /* markers found that lie as on the board */
     double ratio;     /* of the markers' size to that in the board's spec; NAN where unknown */
     double square;    /* px, mean side of a square */

@@ -16,7 +16,8 @@ struct rec_looked {
 };
 
 struct rec_board_detector {
-    struct rec_print print[2]; /* [0]: of the board; [1], charuco of even rows: the other layout */
+    struct rec_print
+        print[8]; /* [0]: of the board; then its other layouts: charuco of even rows, aprilgrid */
     int n_prints;
     const struct rec_cv *cv;
     /* the present picture, inverted if the board is, flipped when that is tried */
@@ -28,7 +29,8 @@ struct rec_board_detector {
     double low, high;    /* levels that all but 0.5 % lie between, or 30 times the noise */
     double range, noise; /* of full scale: between those levels; standard deviation */
     bool both; /* mirrored markers are distinguishable, so that one search finds both faces */
-    struct rec_looked looked[3]; /* in the picture made smaller, as it is, made larger */
+    /* in the picture made smaller, as it is, made larger; for markers with a border of 1 and 2 cells */
+    struct rec_looked looked[3][2];
     struct rec_cv_marker marker[REC_DETECT_MARKERS]; /* of one face, the dictionary's first */
     size_t n_markers, n_quads;
     bool small;   /* there were quadrangles that may be markers too small to read */
@@ -64,6 +66,9 @@ void rec_board_turn(rec_board_detector *det, bool flipped);
  * *print: the layout that they fit.  Sets markers, legacy and ratio of out where they are known. */
 size_t rec_board_seeds(rec_board_detector *det, enum rec_way way, bool flipped,
                        struct rec_board_sight *out, const struct rec_print **print);
+
+/* Whether the lattice of nodes is a whole chessboard of another size, in inner corners. */
+bool rec_board_other_size(rec_board_detector *det, int size[2]);
 
 /* Nothing was found: the outcome and its text. */
 void rec_sight_why(const rec_board_detector *det, struct rec_board_sight *out);

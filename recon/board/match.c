@@ -6,7 +6,6 @@
 
 #include "base/median.h"
 #include "base/mem.h"
-#include "recon/board/homography.h"
 #include "recon/board/spec.h"
 
 #define MARKERS 1024 /* markers that are used, at most */
@@ -25,13 +24,16 @@ static bool on_board(const struct rec_print *p, const struct rec_cv_marker *m)
     return m->id >= 0 && m->id < p->n_markers;
 }
 
-static size_t match_add(const struct rec_print *p, const struct rec_cv_marker *m,
-                        struct rec_pair *pair)
+size_t rec_match_pairs(const struct rec_print *p, const struct rec_cv_marker *m,
+                       struct rec_pair *pair)
 {
     double xy[4][2];
+    int turn = (p->board.grid & REC_GRID_TURNED) != 0 ? 2 : 0;
     rec_print_marker(p, m->id, xy);
-    for (int c = 0; c < 4; c++)
-        pair[c] = (struct rec_pair){xy[c][0], xy[c][1], m->xy[c][0], m->xy[c][1], 1};
+    for (int c = 0; c < 4; c++) {
+        const double *at = xy[(c + turn) % 4];
+        pair[c] = (struct rec_pair){at[0], at[1], m->xy[c][0], m->xy[c][1], 1};
+    }
     return 4;
 }
 
@@ -41,7 +43,7 @@ static double match_distance(const struct rec_print *p, const struct rec_cv_mark
 {
     struct rec_pair pair[4];
     double uv[2], sum = 0, limit = NEAR * rec_marker_side(m);
-    match_add(p, m, pair);
+    rec_match_pairs(p, m, pair);
     for (int c = 0; c < 4; c++) {
         rec_homography_map(h, pair[c].x, pair[c].y, uv);
         double d = hypot(uv[0] - pair[c].u, uv[1] - pair[c].v);
@@ -78,7 +80,7 @@ static bool match_fit(const struct rec_print *p, const struct rec_cv_marker *m, 
     size_t k = 0;
     for (size_t i = 0; pair != NULL && i < n; i++)
         if (which[i])
-            k += match_add(p, &m[i], pair + k);
+            k += rec_match_pairs(p, &m[i], pair + k);
     bool ok = pair != NULL && rec_homography_fit(pair, k, h);
     free(pair);
     return ok;
@@ -99,9 +101,9 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
             if ((i == j && n > 1) || !on_board(p, &m[i]) || !on_board(p, &m[j]) ||
                 m[i].id == m[j].id * (n > 1 ? 1 : -1) || at++ % stride != 0)
                 continue;
-            size_t k = match_add(p, &m[i], pair);
+            size_t k = rec_match_pairs(p, &m[i], pair);
             if (i != j)
-                k += match_add(p, &m[j], pair + k);
+                k += rec_match_pairs(p, &m[j], pair + k);
             if (!rec_homography_fit(pair, k, h))
                 continue;
             size_t c = match_count(p, m, n, h, &sum, now);
@@ -129,7 +131,36 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
         memcpy(agrees, in, n * sizeof *in);
 }
 
-/* Sizes are compared with a map that was made from the markers' middles alone. */
+/* rms px between the markers that agree and a map fitted to them, if markers had `ratio` times their side. */
+static double match_misfit(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                           const bool *agrees, double ratio)
+{
+    struct rec_pair *pair = pvx_calloc(4 * n, sizeof *pair);
+    double h[9], uv[2], sum = 0;
+    size_t k = 0;
+    for (size_t i = 0; pair != NULL && i < n; i++) {
+        if (!agrees[i])
+            continue;
+        struct rec_pair *c = pair + k;
+        k += rec_match_pairs(p, &m[i], c);
+        double middle[2] = {(c[0].x + c[2].x) / 2, (c[0].y + c[2].y) / 2};
+        for (int q = 0; q < 4; q++) {
+            c[q].x = middle[0] + ratio * (c[q].x - middle[0]);
+            c[q].y = middle[1] + ratio * (c[q].y - middle[1]);
+        }
+    }
+    bool ok = pair != NULL && rec_homography_fit(pair, k, h);
+    for (size_t i = 0; ok && i < k; i++) {
+        rec_homography_map(h, pair[i].x, pair[i].y, uv);
+        sum +=
+            (uv[0] - pair[i].u) * (uv[0] - pair[i].u) + (uv[1] - pair[i].v) * (uv[1] - pair[i].v);
+    }
+    free(pair);
+    return ok ? sqrt(sum / (double)k) : INFINITY;
+}
+
+/* Sizes are compared with a map that was made from the markers' middles alone.  Middles that lie nearly in a row give
+ * no such map, so the ratio must also fit better than 1 does. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                        const bool *agrees)
 {
@@ -141,7 +172,7 @@ double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m,
         struct rec_pair c[4];
         if (!agrees[i])
             continue;
-        match_add(p, &m[i], c);
+        rec_match_pairs(p, &m[i], c);
         /* the diagonals cross at the image of the middle, for any size */
         double x[2] = {c[2].u - c[0].u, c[2].v - c[0].v}, y[2] = {c[3].u - c[1].u, c[3].v - c[1].v};
         double s =
@@ -167,7 +198,8 @@ double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m,
         ratio[k++] = have / want;
     }
     qsort(ratio, k, sizeof *ratio, pvx_ascending);
-    return ratio[k / 2];
+    bool better = match_misfit(p, m, n, agrees, ratio[k / 2]) < match_misfit(p, m, n, agrees, 1);
+    return better ? ratio[k / 2] : 1;
 }
 
 bool rec_match_other(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
@@ -194,7 +226,7 @@ bool rec_match_other(const struct rec_print *p, const struct rec_cv_marker *m, s
             if (match.agreeing > most) {
                 most = match.agreeing;
                 *cols = c;
-                *rows = other.cell[last] / c + 1;
+                *rows = (b.grid & REC_GRID_UP) != 0 ? b.rows : other.cell[last] / c + 1;
                 found = true;
             }
             rec_print_fini(&other);

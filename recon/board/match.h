@@ -5,6 +5,7 @@
  * give the same bits.  A false or a moved marker is left out. */
 #ifndef REC_BOARD_MATCH_H
 #define REC_BOARD_MATCH_H
+#include "recon/board/homography.h"
 #include "recon/board/print.h"
 
 struct rec_match {
@@ -13,6 +14,10 @@ struct rec_match {
     double error;    /* px rms of their corners */
 };
 
+/* The marker's corners on the board and in the picture; returns 4. */
+size_t rec_match_pairs(const struct rec_print *p, const struct rec_cv_marker *m,
+                       struct rec_pair *pair);
+
 /* px: side of a square of the same area. */
 double rec_marker_side(const struct rec_cv_marker *m);
 
@@ -20,7 +25,8 @@ double rec_marker_side(const struct rec_cv_marker *m);
 void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                struct rec_match *out, bool *agrees);
 
-/* Markers' side / side in the print, median of the markers that agree; NAN for fewer than 6. */
+/* Markers' side / side in the print, median of the markers that agree; 1 where that ratio fits better; NAN for fewer than
+ * 6. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                        const bool *agrees);
 

@@ -35,7 +35,7 @@ static void number_cells(struct rec_print *p)
     int32_t id = 0;
     for (int32_t r = 0; r < b->rows; r++)
         for (int32_t c = 0; c < b->cols; c++) {
-            int32_t cell = r * b->cols + c;
+            int32_t cell = ((b->grid & REC_GRID_UP) != 0 ? b->rows - 1 - r : r) * b->cols + c;
             bool has = b->kind == REC_APRILGRID || (r + c) % 2 == (b->legacy ? 0 : 1);
             p->id_at[cell] = has ? id : -1;
             if (has)
@@ -62,13 +62,23 @@ static pvx_err print_fetch(struct rec_print *p, struct pvx_diag *d)
         if (cv->bits(dict->index, i, p->bit + (size_t)(i * p->bits * p->bits), err, sizeof err) !=
             0)
             return pvx_fail(d, PVX_EUNSUP, "dictionary %s: %s", dict->name, err);
+    size_t cells = (size_t)(p->bits * p->bits);
+    for (size_t i = 0; (p->board.grid & REC_GRID_TURNED) != 0 && i < cells * (size_t)p->n_markers;
+         i++) {
+        size_t j = i - i % cells + (cells - 1 - i % cells);
+        if (i < j) {
+            uint8_t keep = p->bit[i];
+            p->bit[i] = p->bit[j];
+            p->bit[j] = keep;
+        }
+    }
     number_cells(p);
     return PVX_OK;
 }
 
 pvx_err rec_print_init(struct rec_print *p, const struct rec_board *b, struct pvx_diag *d)
 {
-    *p = (struct rec_print){.board = *b};
+    *p = (struct rec_print){.board = *b, .border = (b->grid & REC_GRID_WIDE) != 0 ? 2 : 1};
     if (b->kind == REC_APRILGRID) {
         p->x0 = p->y0 = -b->marker;
         p->x1 = b->cols * (b->square + b->marker);
@@ -84,7 +94,7 @@ pvx_err rec_print_init(struct rec_print *p, const struct rec_board *b, struct pv
     p->pitch = april ? b->square + b->marker : b->square;
     p->in = april ? b->marker : (b->square - b->marker) / 2;
     if (e == PVX_OK && b->kind != REC_CHESSBOARD)
-        p->module = (april ? b->square : b->marker) / (p->bits + 2);
+        p->module = (april ? b->square : b->marker) / (p->bits + 2 * p->border);
     p->per_pitch = 1 / p->pitch;
     p->per_module = p->module > 0 ? 1 / p->module : 0;
     if (e != PVX_OK)
@@ -113,7 +123,7 @@ void rec_print_marker(const struct rec_print *p, int32_t id, double xy[4][2])
 }
 
 /* The place of a coordinate along an axis: the square (or the marker and the gap behind it) and the bit in it; bit
- * -1: before the marker; bits + 2: behind it. */
+ * -1: before the marker; bits + 2 borders: behind it. */
 struct slot {
     int32_t cell, bit;
     double end; /* begin of the next slot */
@@ -125,7 +135,7 @@ static struct slot print_slot_of(const struct rec_print *p, double v, double v0)
     double from = v - v0;
     struct slot s = {.cell = (int32_t)(fmin(fmax(from * p->per_pitch + BELOW, 0), 1e6)) - BELOW};
     double begin = v0 + s.cell * p->pitch, f = v - begin - p->in;
-    int32_t all = p->bits + 2;
+    int32_t all = p->bits + 2 * p->border;
     if (p->module == 0) {
         s.bit = -1;
         s.end = begin + p->pitch;
@@ -145,6 +155,7 @@ static double dark(const struct rec_print *p, const struct slot *x, const struct
     const struct rec_board *b = &p->board;
     bool april = b->kind == REC_APRILGRID;
     int32_t more = b->kind == REC_CHESSBOARD ? 1 : 0; /* cols, rows: inner corners */
+    int32_t w = p->border, end = p->bits + w;
     if (april && x->bit == -1 && y->bit == -1 && x->cell >= 0 && y->cell >= 0 &&
         x->cell <= b->cols && y->cell <= b->rows)
         return 1; /* a crossing of gaps */
@@ -152,12 +163,12 @@ static double dark(const struct rec_print *p, const struct slot *x, const struct
         return 0;
     if (!april && (x->cell + y->cell) % 2 == (b->legacy ? 1 : 0))
         return 1;
-    if (p->module == 0 || x->bit < 0 || y->bit < 0 || x->bit > p->bits + 1 || y->bit > p->bits + 1)
+    if (p->module == 0 || x->bit < 0 || y->bit < 0 || x->bit >= end + w || y->bit >= end + w)
         return 0;
-    if (x->bit == 0 || y->bit == 0 || x->bit == p->bits + 1 || y->bit == p->bits + 1)
+    if (x->bit < w || y->bit < w || x->bit >= end || y->bit >= end)
         return 1;
     int32_t id = p->id_at[y->cell * b->cols + x->cell];
-    return !p->bit[(id * p->bits + y->bit - 1) * p->bits + x->bit - 1];
+    return !p->bit[(id * p->bits + y->bit - w) * p->bits + x->bit - w];
 }
 
 double rec_print_ink(const struct rec_print *p, double x, double y, double hx, double hy)

@@ -1,7 +1,9 @@
 /* seeds.c - the start on a board: a few roughly known points. */
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/mem.h"
 #include "recon/board/detect_int.h"
 #include "recon/board/spec.h"
 
@@ -33,9 +35,9 @@ static void seeds_put(struct box *b, double x, double y)
 }
 
 /* The part of the picture where markers too small to read may be: around the lattice and the small quadrangles. */
-static void window(const rec_board_detector *det, int32_t x[2], int32_t y[2])
+static void window(const rec_board_detector *det, int border, int32_t x[2], int32_t y[2])
 {
-    const struct rec_looked *l = &det->looked[AS_IT_IS];
+    const struct rec_looked *l = &det->looked[AS_IT_IS][border - 1];
     struct box b = {INFINITY, INFINITY, -INFINITY, -INFINITY};
     int32_t w = det->field.width, h = det->field.height;
     for (size_t i = 0; i < det->n_nodes; i++)
@@ -70,18 +72,19 @@ static bool read_twice(const rec_board_detector *det, const struct rec_cv_marker
 }
 
 /* Finds the markers of one face, in the coordinates of the picture flipped or not. */
-static void seeds_look(rec_board_detector *det, int how, bool flipped)
+static void seeds_look(rec_board_detector *det, int how, int border, bool flipped)
 {
-    struct rec_looked *l = &det->looked[how];
+    struct rec_looked *l = &det->looked[how][border - 1];
     if (!l->done || (!det->both && l->flipped != flipped)) {
         rec_board_turn(det, flipped && !det->both);
         int32_t x[2] = {0, det->field.width}, y[2] = {0, det->field.height};
         if (how == LARGER)
-            window(det, x, y);
+            window(det, border, x, y);
         const struct rec_cv_picture p = {det->grey + (ptrdiff_t)y[0] * det->field.width + x[0],
                                          x[1] - x[0], y[1] - y[0], det->field.width};
         const struct rec_cv_search s = {
             .dictionary = rec_dictionary_find(det->print[0].board.dictionary)->index,
+            .border = border,
             .scale = how == SMALLER  ? smaller(det)
                      : how == LARGER ? 2
                                      : 1,
@@ -184,30 +187,36 @@ static size_t from_markers(rec_board_detector *det, int how, bool flipped,
                            struct rec_board_sight *out, const struct rec_print **print)
 {
     struct rec_match best = {0}, m;
-    seeds_look(det, how, flipped);
-    for (int i = 0; i < det->n_prints; i++) {
-        rec_match(&det->print[i], det->marker, det->n_markers, &m, NULL);
-        if (m.agreeing > best.agreeing) {
-            best = m;
-            *print = &det->print[i];
+    int own = det->print[0].border, border = own;
+    bool april = (*print)->board.kind == REC_APRILGRID;
+    for (int other = 0; other < (april ? 2 : 1); other++) {
+        int now = other != 0 ? 3 - own : own;
+        seeds_look(det, how, now, flipped);
+        for (int i = 0; i < det->n_prints; i++) {
+            if (det->print[i].border != now)
+                continue;
+            rec_match(&det->print[i], det->marker, det->n_markers, &m, NULL);
+            /* a wide border may be read as a narrow one around less */
+            if (m.agreeing > best.agreeing ||
+                (m.agreeing == best.agreeing && now != border && m.error < best.error)) {
+                best = m;
+                *print = &det->print[i];
+                border = now;
+            }
         }
     }
+    seeds_look(det, how, border, flipped);
     if (best.agreeing == 0)
         return 0;
     rec_match(*print, det->marker, det->n_markers, &m, det->agrees);
     out->markers = (uint32_t)each_once(det);
     out->legacy = (*print)->board.legacy;
+    out->grid = (*print)->board.grid;
     out->ratio = rec_match_ratio(*print, det->marker, det->n_markers, det->agrees);
     size_t n = 0;
-    for (size_t i = 0; i < det->n_markers; i++) {
-        double xy[4][2];
-        if (!det->agrees[i])
-            continue;
-        rec_print_marker(*print, det->marker[i].id, xy);
-        for (int c = 0; c < 4; c++)
-            det->seed[n++] = (struct rec_pair){xy[c][0], xy[c][1], det->marker[i].xy[c][0],
-                                               det->marker[i].xy[c][1], 1};
-    }
+    for (size_t i = 0; i < det->n_markers; i++)
+        if (det->agrees[i])
+            n += rec_match_pairs(*print, &det->marker[i], det->seed + n);
     return n;
 }
 
@@ -226,25 +235,148 @@ static double first_is_dark(const rec_board_detector *det, const double h[9], do
     return sum;
 }
 
-/* All corners of a chessboard, counted from its dark corner square and so that the board is not mirrored. */
-static size_t from_chessboard(rec_board_detector *det)
+/* A rectangle of nodes of the lattice. */
+struct rect {
+    int lo[2], hi[2];
+};
+
+static int rect_side(const struct rect *r, int a)
+{
+    return r->hi[a] - r->lo[a] + 1;
+}
+
+static bool rect_has(const struct rect *r, const struct rec_node *p)
+{
+    return p->i >= r->lo[0] && p->i <= r->hi[0] && p->j >= r->lo[1] && p->j <= r->hi[1];
+}
+
+/* The rectangle of nodes of the lattice, without lines at its rim that are mostly empty.  False: some of it is missing. */
+static bool lattice_whole(const rec_board_detector *det, struct rect *r)
+{
+    size_t n = 0;
+    *r = (struct rect){{INT_MAX, INT_MAX}, {INT_MIN, INT_MIN}};
+    for (size_t k = 0; k < det->n_nodes; k++)
+        for (int a = 0; a < 2; a++) {
+            int v = a == 0 ? det->node[k].i : det->node[k].j;
+            r->lo[a] = v < r->lo[a] ? v : r->lo[a];
+            r->hi[a] = v > r->hi[a] ? v : r->hi[a];
+        }
+    for (int side = 0, full = 0; full < 4 && r->lo[0] < r->hi[0] && r->lo[1] < r->hi[1];
+         side = (side + 1) % 4) {
+        int a = side % 2, *at = side < 2 ? &r->lo[a] : &r->hi[a], on = 0;
+        for (size_t k = 0; k < det->n_nodes; k++)
+            on += rect_has(r, &det->node[k]) && (a == 0 ? det->node[k].i : det->node[k].j) == *at;
+        full = 2 * on > r->hi[1 - a] - r->lo[1 - a] + 1 ? full + 1 : 0;
+        *at += full > 0 ? 0 : side < 2 ? 1 : -1;
+    }
+    for (size_t k = 0; k < det->n_nodes; k++)
+        n += rect_has(r, &det->node[k]);
+    return n > 0 && n == (size_t)rect_side(r, 0) * (size_t)rect_side(r, 1);
+}
+
+/* All corners of the chessboard from a lattice that has its size. */
+static size_t whole_lattice(rec_board_detector *det, const struct rect *r)
+{
+    const struct rec_board *b = &det->print[0].board;
+    bool along = rect_side(r, 0) == b->cols && rect_side(r, 1) == b->rows;
+    size_t n = 0;
+    if (!along && (rect_side(r, 0) != b->rows || rect_side(r, 1) != b->cols))
+        return 0;
+    for (size_t k = 0; k < det->n_nodes; k++) {
+        const struct rec_node *p = &det->node[k];
+        int i = p->i - r->lo[0], j = p->j - r->lo[1];
+        if (rect_has(r, p))
+            det->seed[n++] = (struct rec_pair){(along ? i : j) * b->square,
+                                               (along ? j : i) * b->square, p->x, p->y, 1};
+    }
+    return n;
+}
+
+/* All corners of the chessboard, as OpenCV finds them. */
+static size_t opencvs_chessboard(rec_board_detector *det)
 {
     const struct rec_board *b = &det->print[0].board;
     struct rec_cv_picture p = {det->grey, det->field.width, det->field.height, det->field.width};
     size_t n = rec_board_corners(b);
     float *xy = malloc(2 * n * sizeof *xy);
     int found = 0;
-    double h[9], d[4];
-    if (xy == NULL || det->cv->chessboard(&p, b->cols, b->rows, xy, &found) != 0 || !found) {
-        free(xy);
-        return 0;
-    }
+    if (xy == NULL || det->cv->chessboard(&p, b->cols, b->rows, xy, &found) != 0 || !found)
+        n = 0;
     for (size_t i = 0; i < n; i++) {
         double q[3];
         rec_board_point(b, REC_FRONT, (uint32_t)i, q);
         det->seed[i] = (struct rec_pair){q[0], q[1], xy[2 * i], xy[2 * i + 1], 1};
     }
     free(xy);
+    return n;
+}
+
+/* Mean of the levels in the middles of m squares from (i, j) on, along i or j, with a sign that changes from square to
+ * square.  NAN: one is outside the picture. */
+static double alternation(const rec_board_detector *det, const double h[9], int i, int j, bool down,
+                          int m)
+{
+    double sum = 0;
+    for (int k = 0; k < m; k++) {
+        int x = down ? i : i + k, y = down ? j + k : j;
+        double uv[2];
+        rec_homography_map(h, x + 0.5, y + 0.5, uv);
+        int32_t u = (int32_t)lrint(uv[0]), v = (int32_t)lrint(uv[1]);
+        if (!(uv[0] >= 0 && uv[1] >= 0) || u >= det->field.width || v >= det->field.height)
+            return NAN;
+        sum += ((x + y) % 2 == 0 ? 1 : -1) * det->level[(ptrdiff_t)v * det->field.width + u] / m;
+    }
+    return sum;
+}
+
+/* Whether the rectangle is a chessboard to its rim: beyond the squares around it none follow. */
+static bool ends_there(const rec_board_detector *det, const struct rect *r)
+{
+    struct rec_pair *pair = pvx_calloc(det->n_nodes, sizeof *pair);
+    double h[9], inside, beyond = 0;
+    size_t n = 0;
+    for (size_t k = 0; pair != NULL && k < det->n_nodes; k++) {
+        const struct rec_node *p = &det->node[k];
+        if (rect_has(r, p))
+            pair[n++] = (struct rec_pair){p->i, p->j, p->x, p->y, 1};
+    }
+    bool ok = pair != NULL && rec_homography_fit(pair, n, h);
+    free(pair);
+    if (!ok)
+        return false;
+    inside = fabs(alternation(det, h, r->lo[0], r->lo[1], false, rect_side(r, 0) - 1));
+    for (int side = 0; side < 4; side++) {
+        int a = side % 2, from[2] = {r->lo[0] - 1, r->lo[1] - 1};
+        from[a] = side < 2 ? r->lo[a] - 2 : r->hi[a] + 1;
+        double now = fabs(alternation(det, h, from[0], from[1], a == 0, rect_side(r, 1 - a) + 1));
+        beyond = now <= beyond ? beyond : now; /* NAN stays */
+    }
+    return beyond < 0.3 * inside;
+}
+
+bool rec_board_other_size(rec_board_detector *det, int size[2])
+{
+    const struct rec_board *b = &det->print[0].board;
+    struct rect r;
+    if (2 * det->n_nodes < rec_board_corners(b) || !lattice_whole(det, &r))
+        return false;
+    size[0] = rect_side(&r, 0);
+    size[1] = rect_side(&r, 1);
+    return !(size[0] == b->cols && size[1] == b->rows) &&
+           !(size[0] == b->rows && size[1] == b->cols) && ends_there(det, &r);
+}
+
+/* All corners of a chessboard, counted from its dark corner square and so that the board is not mirrored. */
+static size_t from_chessboard(rec_board_detector *det)
+{
+    const struct rec_board *b = &det->print[0].board;
+    double h[9], d[4];
+    struct rect r;
+    size_t n = lattice_whole(det, &r) ? whole_lattice(det, &r) : 0;
+    if (n == 0)
+        n = opencvs_chessboard(det);
+    if (n == 0)
+        return 0;
     /* reverses the rows if mirrored, then turns the whole by half a turn if needed */
     for (int turn = 0; turn < 2; turn++) {
         if (!rec_homography_fit(det->seed, n, h))

@@ -82,15 +82,15 @@ static void rect(cairo_t *cr, double x, double y, double w, double h)
 static void draw_marker(cairo_t *cr, const struct rec_print *p, int32_t id)
 {
     double c[4][2], m = p->module;
-    int32_t n = p->bits + 2;
+    int32_t w = p->border, n = p->bits + 2 * w;
     rec_print_marker(p, id, c);
     /* the border as one frame and dark bits in runs, so that no hairlines divide them */
-    rect(cr, c[0][0], c[0][1], n * m, m);
-    rect(cr, c[0][0], c[0][1] + (n - 1) * m, n * m, m);
-    for (int32_t r = 1; r < n - 1; r++)
+    rect(cr, c[0][0], c[0][1], n * m, w * m);
+    rect(cr, c[0][0], c[0][1] + (n - w) * m, n * m, w * m);
+    for (int32_t r = w; r < n - w; r++)
         for (int32_t a = 0, b; a < n; a = b) {
-            const uint8_t *bit = p->bit + (size_t)((id * p->bits + r - 1) * p->bits) - 1;
-            for (b = a; b < n && (b == 0 || b == n - 1 || !bit[b]); b++) {
+            const uint8_t *bit = p->bit + (size_t)((id * p->bits + r - w) * p->bits) - w;
+            for (b = a; b < n && (b < w || b >= n - w || !bit[b]); b++) {
             }
             if (b > a)
                 rect(cr, c[0][0] + a * m, c[0][1] + r * m, (b - a) * m, m);

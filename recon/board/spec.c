@@ -163,6 +163,8 @@ static pvx_err spec_option(const char *f, const char *whole, struct rec_board *b
         b->inverted = true;
     } else if (strcmp(f, "legacy") == 0) {
         b->legacy = true;
+    } else if (strcmp(f, "kalibr") == 0) {
+        b->grid = REC_GRID_KALIBR;
     } else if (strncmp(f, "thickness=", 10) == 0) {
         b->two_sided = true;
         if (!read_length(f + 10, &b->thickness) || b->thickness < 0 || b->thickness > 0.5)
@@ -173,7 +175,8 @@ static pvx_err spec_option(const char *f, const char *whole, struct rec_board *b
     } else {
         return pvx_fail(d, PVX_EFORMAT,
                         "board '%s': '%s' is neither a dictionary for this kind (4X4_50 to "
-                        "7X7_1000, 16h5 to 36h11) nor two-sided, thickness=M, inverted or legacy",
+                        "7X7_1000, 16h5 to 36h11) nor two-sided, thickness=M, inverted, legacy or "
+                        "kalibr",
                         whole, f);
     }
     return PVX_OK;
@@ -187,6 +190,9 @@ static pvx_err spec_complete(const char *whole, struct rec_board *b, struct pvx_
                         "board '%s': legacy is a layout of charuco boards with an even number of "
                         "rows; leave it out",
                         whole);
+    if (b->grid != 0 && b->kind != REC_APRILGRID)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "board '%s': kalibr is a layout of an aprilgrid; leave it out", whole);
     if (b->kind == REC_CHARUCO && !(b->marker >= 0.2 * b->square && b->marker <= 0.95 * b->square))
         return pvx_fail(d, PVX_ERANGE,
                         "board '%s': the marker must be 0.2 to 0.95 of the square; the order is "
@@ -270,7 +276,7 @@ void rec_board_text(const struct rec_board *b, char text[REC_BOARD_TEXT])
         snprintf(thickness, sizeof thickness, ":thickness=%.15g", b->thickness);
     else if (b->two_sided)
         snprintf(thickness, sizeof thickness, ":two-sided");
-    snprintf(text, REC_BOARD_TEXT, "%s:%dx%d:%.15g%s%s%s%s%s", kinds[b->kind], b->cols, b->rows,
+    snprintf(text, REC_BOARD_TEXT, "%s:%dx%d:%.15g%s%s%s%s%s%s", kinds[b->kind], b->cols, b->rows,
              b->square, marker, b->dictionary, thickness, b->inverted ? ":inverted" : "",
-             b->legacy ? ":legacy" : "");
+             b->legacy ? ":legacy" : "", b->grid == REC_GRID_KALIBR ? ":kalibr" : "");
 }

@@ -6,7 +6,8 @@
  *
  * Lengths are metres, or millimetres with "mm" behind ("30mm").  Optional fields, in any order, each after a
  * colon: a dictionary of OpenCV ("5X5_100", "DICT_5X5_100", "36h11"), "two-sided", "thickness=0.003" (implies
- * two-sided), "inverted", "legacy". */
+ * two-sided), "inverted", "legacy" (charuco of even rows as OpenCV before 4.6 drew it), "kalibr" (aprilgrid as Kalibr's
+ * kalibr_create_target_pdf draws it: tagCols x tagRows, tagSize, tagSize * tagSpacing). */
 #ifndef REC_BOARD_SPEC_H
 #define REC_BOARD_SPEC_H
 #include "base/err.h"

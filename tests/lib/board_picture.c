@@ -143,10 +143,15 @@ struct ink {
 
 static bool marker_dark(const struct ink *k, int id, double x, double y) /* 0..1 across it */
 {
-    int c = (int)(x * (k->n + 2)), r = (int)(y * (k->n + 2));
-    if (c < 1 || r < 1 || c > k->n || r > k->n)
+    int w = (k->b->grid & REC_GRID_WIDE) != 0 ? 2 : 1;
+    int c = (int)(x * (k->n + 2 * w)) - w, r = (int)(y * (k->n + 2 * w)) - w;
+    if (c < 0 || r < 0 || c >= k->n || r >= k->n)
         return true;
-    return k->bits[(id * k->n + r - 1) * k->n + c - 1] == 0;
+    if ((k->b->grid & REC_GRID_TURNED) != 0) {
+        c = k->n - 1 - c;
+        r = k->n - 1 - r;
+    }
+    return k->bits[(id * k->n + r) * k->n + c] == 0;
 }
 
 /* Paper 0, ink 1, beyond the plate -1. */
@@ -162,7 +167,9 @@ static int printed(const struct ink *k, double X, double Y)
         int c = (int)(x / pitch), r = (int)(y / pitch);
         double fx = x - c * pitch - b->marker, fy = y - r * pitch - b->marker;
         if (fx >= 0 && fy >= 0)
-            dark = marker_dark(k, r * b->cols + c, fx / b->square, fy / b->square);
+            dark =
+                marker_dark(k, ((b->grid & REC_GRID_UP) != 0 ? b->rows - 1 - r : r) * b->cols + c,
+                            fx / b->square, fy / b->square);
         else
             dark = fx < 0 && fy < 0;
     } else if (on) {

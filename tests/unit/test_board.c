@@ -24,6 +24,7 @@ T_CASE(text_of_boards)
         {"charuco:20x20:0.03:0.022", "charuco:20x20:0.03:0.022:5X5_250"},
         {"chessboard:9x6:0.025", "chessboard:9x6:0.025"},
         {"aprilgrid:6x6:0.03:0.009", "aprilgrid:6x6:0.03:0.009:36h11"},
+        {"aprilgrid:6x6:88mm:26.4mm:kalibr", "aprilgrid:6x6:0.088:0.0264:36h11:kalibr"},
         {"charuco:8x11:0.03:0.022:two-sided", "charuco:8x11:0.03:0.022:5X5_100:two-sided"},
         {"charuco:8x11:0.03:0.022:inverted:thickness=3mm",
          "charuco:8x11:0.03:0.022:5X5_100:thickness=0.003:inverted"},
@@ -58,6 +59,7 @@ T_CASE(what_is_no_board_is_said)
         {"charuco:8x11:0.03:0.022:thickness=3", "no length of 0 to 0.5 m"},
         {"chessboard:9x6:0.025:two-sided", "nothing tells the back"},
         {"aprilgrid:6x6:0.03:0.1", "the gap must be"},
+        {"charuco:6x6:0.03:0.02:kalibr", "kalibr is a layout of an aprilgrid"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct rec_board b;
@@ -164,6 +166,7 @@ static void found_on_sheet(const char *text, enum rec_board_face face)
     T_EQ_I(s.view.n, rec_board_corners(&b));
     T_EQ_I(s.view.face, face);
     T_EQ_I(s.legacy, b.legacy);
+    T_EQ_I(s.grid, b.grid);
     for (size_t i = 1; i < s.view.n; i++) {
         double q[3], o[3], scale = DPI / 0.0254 * (face == REC_BACK ? -1 : 1);
         rec_board_point(&b, REC_FRONT, 0, o);
@@ -185,6 +188,7 @@ T_CASE(sheets_are_found)
     found_on_sheet("charuco:6x8:0.02:0.015:two-sided:inverted", REC_BACK);
     found_on_sheet("aprilgrid:5x4:0.02:0.006", REC_FRONT);
     found_on_sheet("aprilgrid:5x4:0.02:0.006:two-sided", REC_BACK);
+    found_on_sheet("aprilgrid:5x4:0.02:0.006:kalibr", REC_FRONT);
     found_on_sheet("chessboard:7x6:0.02", REC_FRONT);
 }
 

@@ -112,6 +112,14 @@ static int markers_four_times(const struct rec_cv_picture *p, const struct rec_c
     return failed;
 }
 
+static int no_chessboard(const struct rec_cv_picture *p, int cols, int rows, float *xy, int *found)
+{
+    (void)p, (void)cols, (void)rows, (void)xy;
+    T_CHECK_(false, "OpenCV is asked");
+    *found = 0;
+    return 0;
+}
+
 T_CASE(a_marker_that_is_read_twice_counts_once)
 {
     use("charuco:5x6:0.06:0.045");
@@ -180,6 +188,68 @@ T_CASE(
 T_CASE(aprilgrid_is_accurate)
 {
     accurate("aprilgrid:3x3:0.03:0.009", 40, 60, 2);
+}
+
+/* A grid is read as it was drawn, whichever way the spec says. */
+T_CASE(layouts_of_aprilgrids)
+{
+    static const char *const given[] = {"aprilgrid:4x3:0.03:0.009",
+                                        "aprilgrid:4x3:0.03:0.009:kalibr"};
+    for (int i = 0; i < 2; i++) {
+        use(given[i]);
+        for (uint8_t grid = 0; grid <= REC_GRID_KALIBR; grid++) {
+            struct rec_board seen = board;
+            struct board_shot s = shot(REC_FRONT, 44, 25, 30 * grid, 50 * grid);
+            seen.grid = grid;
+            struct rec_board_sight sight = look(&seen, &s);
+            T_CHECK_(sight.outcome == REC_SIGHT_FOUND, "%s, %d: %s", given[i], grid, sight.text);
+            T_EQ_I(sight.grid, grid);
+            T_LE(36, sight.view.n);
+            for (size_t k = 0; k < sight.view.n; k++) {
+                double xy[2];
+                board_truth(&seen, &s, sight.view.corner[k].id, xy);
+                T_NEAR(sight.view.corner[k].x, xy[0], 0.3);
+                T_NEAR(sight.view.corner[k].y, xy[1], 0.3);
+            }
+        }
+    }
+    accurate("aprilgrid:3x3:0.03:0.009:kalibr", 50, 40, 2);
+    /* ids that the grid does not have, and a grid of another size */
+    struct rec_board seen;
+    T_EQ_I(rec_board_parse("aprilgrid:3x4:0.03:0.009:kalibr", &seen, NULL), PVX_OK);
+    use("aprilgrid:4x3:0.03:0.009");
+    struct board_shot s = shot(REC_FRONT, 40, 10, 30, 5);
+    struct rec_board_sight sight = look(&seen, &s);
+    T_EQ_I(sight.outcome, REC_SIGHT_OTHER_BOARD);
+    T_CONTAINS(sight.text, "fit 3x4 (or more rows), not 4x3");
+    T_EQ_I(sight.view.n, 0);
+}
+
+/* Six markers in a row and one more do not look like a board of another ratio; and a wrong ratio is told. */
+T_CASE(a_row_of_markers_shows_no_ratio)
+{
+    use("aprilgrid:6x6:0.03:0.009");
+    const double h[9] = {900, 80, 60, -70, 700, 200, 0.2, 0.5, 1};
+    for (int i = 0; i < 200; i++) {
+        struct rec_cv_marker m[12];
+        bool agrees[12];
+        size_t n = i < 100 ? 7 : 12;
+        double size = i < 100 ? 1 : 1.2;
+        for (size_t k = 0; k < n; k++) {
+            double xy[4][2], uv[2];
+            m[k] = (struct rec_cv_marker){.id = (int32_t)(n == 7 && k == 6 ? 20 : 6 + k)};
+            agrees[k] = true;
+            rec_print_marker(&det->print[0], m[k].id, xy);
+            for (int c = 0; c < 4; c++) {
+                double x = (xy[0][0] + xy[2][0]) / 2, y = (xy[0][1] + xy[2][1]) / 2;
+                rec_homography_map(h, x + size * (xy[c][0] - x), y + size * (xy[c][1] - y), uv);
+                for (int a = 0; a < 2; a++)
+                    m[k].xy[c][a] = (float)(uv[a] + t_uniform(-0.5, 0.5));
+            }
+        }
+        double ratio = rec_match_ratio(&det->print[0], m, n, agrees);
+        T_CHECK_(!(fabs(ratio - size) > 0.08), "%g, not %g", ratio, size);
+    }
 }
 
 T_CASE(warped_and_uneven_light)
@@ -289,6 +359,21 @@ T_CASE(other_boards_are_said)
     struct rec_board_sight sight = look(&seen, &s);
     T_EQ_I(sight.outcome, REC_SIGHT_OTHER_BOARD);
     T_CONTAINS(sight.text, "fit 5x7 (or more rows), not 8x11");
+    T_EQ_I(rec_board_parse("chessboard:8x5:0.03", &seen, NULL), PVX_OK);
+    for (int i = 0; i < 3; i++) {
+        use(i == 0   ? "chessboard:9x6:0.03"
+            : i == 1 ? "chessboard:6x9:0.03"
+                     : "chessboard:7x6:0.03");
+        once = det->cv;
+        four_times = *once;
+        four_times.chessboard = no_chessboard; /* it takes long where there is none */
+        det->cv = &four_times;
+        s = shot(REC_FRONT, 24, 40, 30 * i, 5 + 70 * i);
+        sight = look(&seen, &s);
+        T_EQ_I(sight.outcome, REC_SIGHT_OTHER_BOARD);
+        T_CONTAINS(sight.text, "shows 8x5 inner corners, not ");
+        T_OK((strstr(sight.text, "not the squares") != NULL) == (i < 2));
+    }
     T_EQ_I(rec_board_parse("charuco:6x8:0.03:0.017", &seen, NULL), PVX_OK);
     use("charuco:6x8:0.03:0.024");
     s = shot(REC_FRONT, 30, 10, 30, 5);

@@ -102,6 +102,7 @@ T_CASE(as_the_other_renderer_draws_it)
                  {"charuco:6x6:0.05:0.037:two-sided:thickness=0.01", true, -0.4},
                  {"chessboard:5x6:0.05", false, 0.1},
                  {"aprilgrid:4x4:0.06:0.02", false, 0.2},
+                 {"aprilgrid:4x4:0.06:0.02:kalibr", false, 0.2},
                  {"charuco:5x6:0.05:0.037:inverted", false, 0}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         double rms = NAN, mean = NAN;

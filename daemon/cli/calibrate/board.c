@@ -43,7 +43,7 @@ static const char doc[] =
     "  chessboard:9x6:0.025         inner corners across x down, square; must be seen whole\n"
     "Then any of these, each after a colon: a dictionary of OpenCV (5X5_100, 36h11), two-sided, "
     "thickness=0.003 (of a two-sided board), inverted (white on black), legacy (charuco of even "
-    "rows as OpenCV before 4.6 drew it).\n"
+    "rows as OpenCV before 4.6 drew it), kalibr (aprilgrid as Kalibr draws it).\n"
     "\n"
     "Size: a square should have 20 pixels or more in every camera, and the board a third of the "
     "picture or more. If cameras stand all around, take two sides: a print on each face of one "

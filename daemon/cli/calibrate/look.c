@@ -49,6 +49,7 @@ pvx_err calibrate_keep(struct calibrate_picture *p, const struct rec_board_sight
 {
     p->outcome = s->outcome;
     p->legacy = s->legacy;
+    p->grid = s->grid;
     p->square = s->square;
     p->blur = s->blur;
     memcpy(p->text, s->text, sizeof p->text);
@@ -129,11 +130,30 @@ static void work(void *ctx, size_t task)
     rec_board_detector_free(&det);
 }
 
+/* One board has one order of markers.  A picture that shows too few markers to tell it may have been read as another one. */
+static void look_one_layout(struct calibrate_look *l)
+{
+    size_t n[REC_GRID_KALIBR + 1] = {0};
+    for (size_t i = 0; i < l->n; i++)
+        n[l->picture[i].grid] += l->picture[i].view.n > 0;
+    for (uint8_t g = 0; g <= REC_GRID_KALIBR; g++)
+        l->grid = n[g] > n[l->grid] ? g : l->grid;
+    for (size_t i = 0; i < l->n; i++) {
+        struct calibrate_picture *p = &l->picture[i];
+        if (p->view.n == 0 || ((p->grid ^ l->grid) & ~REC_GRID_WIDE) == 0)
+            continue;
+        p->outcome = REC_SIGHT_OTHER_BOARD;
+        snprintf(p->text, sizeof p->text,
+                 "its markers are not in the order of the other pictures: show more of the board");
+    }
+}
+
 pvx_err calibrate_look_count(struct calibrate_look *l, struct pvx_diag *d)
 {
     if ((l->view = pvx_calloc(l->n, sizeof *l->view)) == NULL)
         return PVX_ENOMEM;
     PVX_TRY(calibrate_mode_sizes(l, d));
+    look_one_layout(l);
     for (size_t i = 0; i < l->n; i++) {
         struct calibrate_picture *p = &l->picture[i];
         struct calibrate_count *n = &l->count[p->camera];

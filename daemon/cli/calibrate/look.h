@@ -34,6 +34,7 @@ struct calibrate_picture {
     enum rec_sight outcome;
     char text[240];
     bool legacy;
+    uint8_t grid;
     double square, blur;        /* px, of the board in it */
     struct rec_board_view view; /* n > 0 only when found */
     size_t at;                  /* among the views, or CALIBRATE_NO_VIEW */
@@ -62,6 +63,7 @@ struct calibrate_look {
     struct calibrate_mode { /* how the flame's pictures differ from these; modes.h */
         int32_t binning, x, y, width, height; /* 0: not declared */
     } mode[REC_MAX_CAMERAS];
+    uint8_t grid;  /* layout of the aprilgrid in most pictures */
     char said[300]; /* which instants were looked at, in words; "" for folders */
 };
 

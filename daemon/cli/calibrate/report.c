@@ -48,6 +48,14 @@ void calibrate_print_pictures(const struct calibrate_result *r)
                2 * legacy > l->n_views ? "before" : "since",
                2 * legacy > l->n_views && !r->board->legacy ? ": \"legacy\" belongs into its spec"
                                                             : "");
+    if (l->n_views > 0 && l->grid != r->board->grid)
+        printf(
+            "its markers count from the %s row, stand as %s draws them, with borders of %s: %s\n",
+            (l->grid & REC_GRID_UP) != 0 ? "bottom" : "top",
+            (l->grid & REC_GRID_TURNED) != 0 ? "AprilTag" : "OpenCV",
+            (l->grid & REC_GRID_WIDE) != 0 ? "two cells" : "one cell",
+            l->grid == REC_GRID_KALIBR ? "a grid of Kalibr, \"kalibr\" belongs into its spec"
+                                       : "read as such");
 }
 
 void calibrate_print_cameras(const struct calibrate_result *r)
