@@ -61,11 +61,20 @@ static bool positive_up_to(const double *a, int n, double t)
     return bernstein_positive(b, n, 40);
 }
 
-/* Whether r c(r2) of (2) rises all the way from 0 to r.  With N, D numerator and denominator in t = r2,
+/* Whether T_d of (5) rises all the way from 0 to T. */
+static bool fisheye_rises(const struct rec_camera *c, double T)
+{
+    const double *k = c->dist, g[5] = {1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]};
+    return positive_up_to(g, 4, T * T);
+}
+
+/* Whether r c(r2) of (2), or T_d of (5), rises all the way from 0 to r.  With N, D numerator and denominator in t = r2,
  * d(r c)/dr = (N D + 2 t (N' D - N D')) / D^2; both that numerator and D must stay positive. */
 static bool before_fold(const struct rec_camera *c, double t)
 {
     const double *k = c->dist;
+    if (c->model == REC_FISHEYE)
+        return fisheye_rises(c, atan(sqrt(t)));
     double N[4] = {1, k[K1], k[K2], k[K3]}, D[4] = {1, k[K4], k[K5], k[K6]};
     if (k[K4] == 0 && k[K5] == 0 && k[K6] == 0) {
         double g[4] = {1, 3 * k[K1], 5 * k[K2], 7 * k[K3]};
@@ -76,6 +85,32 @@ static bool before_fold(const struct rec_camera *c, double t)
         for (int j = 0; j < 4; j++)
             g[i + j] += (1 + 2 * (i - j)) * N[i] * D[j];
     return positive_up_to(D, 3, t) && positive_up_to(g, 6, t);
+}
+
+/* T_d of (5) and its derivative. */
+static double fisheye_angle(const struct rec_camera *c, double T, double *slope)
+{
+    const double *k = c->dist;
+    double t = T * T;
+    *slope = 1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])));
+    return T * (1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))));
+}
+
+/* (5) and its Jacobian. */
+static void fisheye(const struct rec_camera *c, double x, double y, double out[2], double J[4])
+{
+    double r2 = x * x + y * y, r = sqrt(r2), slope;
+    double s = 1,
+           ds = 2 * (c->dist[0] - 1.0 / 3); /* T_d / r and its derivative over r, both at 0 */
+    if (r > 1e-7) {
+        s = fisheye_angle(c, atan(r), &slope) / r;
+        ds = (slope / (1 + r2) - s) / r2;
+    }
+    out[0] = s * x;
+    out[1] = s * y;
+    J[0] = s + ds * x * x;
+    J[1] = J[2] = ds * x * y;
+    J[3] = s + ds * y * y;
 }
 
 /* (2), (3) and the Jacobian J = d(x',y')/d(x,y), row major. */
@@ -102,7 +137,7 @@ static bool has_distortion(const struct rec_camera *c)
     for (int i = 0; i < 8; i++)
         if (c->dist[i] != 0)
             return true;
-    return false;
+    return c->model == REC_FISHEYE;
 }
 
 /* The lens model is one-to-one from the axis out to (x,y). */
@@ -122,7 +157,10 @@ bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
         return false;
     double x = Xc / Zc, y = Yc / Zc, p[2] = {x, y}, J[4] = {1, 0, 0, 1};
     if (has_distortion(c)) {
-        distort(c, x, y, p, J);
+        if (c->model == REC_FISHEYE)
+            fisheye(c, x, y, p, J);
+        else
+            distort(c, x, y, p, J);
         if (!in_domain(c, x, y, J))
             return false;
     }
@@ -224,19 +262,51 @@ static double radial_inverse(const struct rec_camera *c, double rd)
     return lo;
 }
 
+/* (x,y) of (5) that give (x',y').  Newton in T.  Where it leaves the interval that holds the root, the interval is
+ * halved. */
+static bool fisheye_inverse(const struct rec_camera *c, double *x, double *y)
+{
+    double want = hypot(*x, *y), lo = 0, hi = asin(1), slope, T;
+    if (!(want > 0))
+        return true;
+    T = fmin(want, 0.9 * hi);
+    for (int it = 0; it < 200 && hi - lo > DBL_EPSILON; it++) {
+        double error = fisheye_angle(c, T, &slope) - want;
+        if (error >= 0 || !fisheye_rises(c, T))
+            hi = T;
+        else
+            lo = T;
+        double next = T - error / slope;
+        if (fabs(next - T) <= 0.5 * DBL_EPSILON * T)
+            break;
+        T = next > lo && next < hi ? next : 0.5 * (lo + hi);
+    }
+    double tangent = tan(T), miss = fabs(fisheye_angle(c, T, &slope) - want);
+    *x *= tangent / want;
+    *y *= tangent / want;
+    return miss * fmax(c->fx, c->fy) <= 1e-10 + 8 * DBL_EPSILON * want * fmax(c->fx, c->fy) &&
+           T < asin(1) && fisheye_rises(c, T);
+}
+
+/* (x,y) of (1) from those of (3), given as *x, *y. */
+static bool undistort(const struct rec_camera *c, double *x, double *y)
+{
+    double want[2] = {*x, *y};
+    if (c->model == REC_FISHEYE)
+        return fisheye_inverse(c, x, y);
+    if (newton(c, want, x, y))
+        return true;
+    double rd = hypot(want[0], want[1]), r = radial_inverse(c, rd);
+    *x = rd > 0 ? want[0] * (r / rd) : 0;
+    *y = rd > 0 ? want[1] * (r / rd) : 0;
+    return newton(c, want, x, y);
+}
+
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
 {
-    double want[2] = {(u - c->cx) / c->fx, (v - c->cy) / c->fy};
-    if (!isfinite(want[0]) || !isfinite(want[1]))
+    double x = (u - c->cx) / c->fx, y = (v - c->cy) / c->fy;
+    if (!isfinite(x) || !isfinite(y) || (has_distortion(c) && !undistort(c, &x, &y)))
         return false;
-    double x = want[0], y = want[1];
-    if (has_distortion(c) && !newton(c, want, &x, &y)) {
-        double rd = hypot(want[0], want[1]), r = radial_inverse(c, rd);
-        x = rd > 0 ? want[0] * (r / rd) : 0;
-        y = rd > 0 ? want[1] * (r / rd) : 0;
-        if (!newton(c, want, &x, &y))
-            return false;
-    }
     const double *R = c->R;
     double d[3], n2 = 0;
     for (int a = 0; a < 3; a++) { /* R^T (x, y, 1) */

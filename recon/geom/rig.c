@@ -146,10 +146,69 @@ bool rec_rig_name_ok(const char *s)
            '\0';
 }
 
+/* Lenses have a p1, p2 of some 0.001. */
+static bool rig_large_p(const double dist[8])
+{
+    return fabs(dist[2]) > 0.02 || fabs(dist[3]) > 0.02;
+}
+
+static pvx_err read_model(const struct reader *r, int node, const char *path, struct rec_camera *c)
+{
+    char full[96];
+    const char *name = pvx_yaml_text(r->y, node);
+    snprintf(full, sizeof full, "%s.model", path);
+    c->model = strcmp(name, "fisheye") == 0 ? REC_FISHEYE : REC_PINHOLE;
+    if (c->model == REC_PINHOLE && strcmp(name, "pinhole") != 0)
+        return pvx_yaml_fail(
+            r->y, node, full, PVX_EINVAL, r->d,
+            "'%s' is not known; pinhole or fisheye (OpenCV's, also called equidistant)", name);
+    return PVX_OK;
+}
+
+static pvx_err read_distortion(const struct reader *r, int m, const char *path,
+                               struct rec_camera *c)
+{
+    char full[96];
+    double k[14] = {0};
+    int model = pvx_yaml_get(r->y, m, "model"), node = pvx_yaml_get(r->y, m, "distortion");
+    if (model != 0)
+        PVX_TRY(read_model(r, model, path, c));
+    if (node == 0)
+        return PVX_OK;
+    snprintf(full, sizeof full, "%s.distortion", path);
+    PVX_TRY(pvx_yaml_doubles(r->y, node, full, 0, 14, k, r->d));
+    size_t n = pvx_yaml_length(r->y, node);
+    if (c->model == REC_FISHEYE && n != 0 && n != 4)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "of a fisheye should have 4 numbers (k1 k2 k3 k4), not %zu", n);
+    if (n != 0 && n != 4 && n != 5 && n != 8 && n != 12 && n != 14)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "should have 0, 4, 5, 8, 12 or 14 numbers "
+                             "(k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]), not %zu",
+                             n);
+    for (size_t i = 0; i < n; i++)
+        if (fabs(k[i]) > 1e6)
+            return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d, "%g is outside -1e6..1e6",
+                                 k[i]);
+    for (size_t i = 8; i < n; i++)
+        if (k[i] != 0)
+            return pvx_yaml_fail(
+                r->y, node, full, PVX_EUNSUP, r->d,
+                "%g is of OpenCV's %s model, which is not supported: calibrate without %s", k[i],
+                i < 12 ? "thin prism (s1 s2 s3 s4)" : "tilted sensor (tx ty)",
+                i < 12 ? "CALIB_THIN_PRISM_MODEL" : "CALIB_TILTED_MODEL");
+    if (model == 0 && n == 4 && rig_large_p(k))
+        return pvx_yaml_fail(
+            r->y, node, full, PVX_EINVAL, r->d,
+            "p1 or p2 is larger than lenses have: are these k1 k2 k3 k4 of a fisheye? "
+            "Write model: fisheye, or model: pinhole");
+    memcpy(c->dist, k, sizeof c->dist);
+    return PVX_OK;
+}
+
 static pvx_err read_lens(const struct reader *r, int m, const char *path, struct rec_camera *c)
 {
     double K[4];
-    int node;
     PVX_TRY(rig_numbers(r, m, path, "K", 4, 1e7, K));
     char full[96];
     snprintf(full, sizeof full, "%s.K", path);
@@ -160,21 +219,7 @@ static pvx_err read_lens(const struct reader *r, int m, const char *path, struct
     c->fy = K[1];
     c->cx = K[2];
     c->cy = K[3];
-    if ((node = pvx_yaml_get(r->y, m, "distortion")) != 0) {
-        snprintf(full, sizeof full, "%s.distortion", path);
-        PVX_TRY(pvx_yaml_doubles(r->y, node, full, 0, 8, c->dist, r->d));
-        size_t n = pvx_yaml_length(r->y, node);
-        if (n != 0 && n != 4 && n != 5 && n != 8)
-            return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
-                                 "should have 0, 4, 5 or 8 numbers "
-                                 "(k1 k2 p1 p2 [k3 [k4 k5 k6]]), not %zu",
-                                 n);
-        for (size_t i = 0; i < n; i++)
-            if (fabs(c->dist[i]) > 1e6)
-                return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d, "%g is outside -1e6..1e6",
-                                     c->dist[i]);
-    }
-    return PVX_OK;
+    return read_distortion(r, m, path, c);
 }
 
 static pvx_err read_pose(const struct reader *r, int m, const char *path, struct rec_camera *c)
@@ -247,8 +292,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     int node;
     int32_t size[2];
     snprintf(path, sizeof path, "cameras[%zu]", index);
-    PVX_TRY(pvx_yaml_known(r->y, m, path, "name size K distortion R t gain photometry uncertainty",
-                           r->d));
+    PVX_TRY(pvx_yaml_known(r->y, m, path,
+                           "name size K distortion model R t gain photometry uncertainty", r->d));
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
@@ -367,10 +412,13 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         int nd = 8;
         while (nd > 0 && c->dist[nd - 1] == 0)
             nd--;
-        nd = nd == 0 ? 0 : nd <= 4 ? 4 : nd == 5 ? 5 : 8;
+        bool fisheye = c->model == REC_FISHEYE, five = !fisheye && rig_large_p(c->dist);
+        nd = nd == 0 ? 0 : nd <= 4 && !five ? 4 : nd <= 5 ? 5 : 8;
         fprintf(f, "  - name: %s\n    size: [%d, %d]\n", c->name, c->width, c->height);
         rig_put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
         rig_put_list(f, "    distortion", c->dist, nd, "\n");
+        if (fisheye)
+            fputs("    model: fisheye\n", f);
         rig_put_list(f, "    R", c->R, 9, "\n");
         rig_put_list(f, "    t", c->t, 3, "\n");
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
@@ -517,6 +565,9 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
         double k[] = {c->width, c->height, c->fx, c->fy, c->cx, c->cy};
         hash_doubles(&h, k, 6);
         hash_doubles(&h, c->dist, 8);
+        double model = c->model;
+        if (c->model != REC_PINHOLE) /* the hash of old rigs stays */
+            hash_doubles(&h, &model, 1);
         hash_doubles(&h, c->R, 9);
         hash_doubles(&h, c->t, 3);
     }

@@ -60,7 +60,10 @@ pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camer
         if (!rec_camera_ray(c, (double)x, (double)y, o, r))
             continue;
         double cosine = r[0] * axis[0] + r[1] * axis[1] + r[2] * axis[2];
-        double weight = cosine * cosine * cosine;
+        struct rec_projection lens;
+        double X[3] = {o[0] + r[0], o[1] + r[1], o[2] + r[2]}, weight = cosine * cosine * cosine;
+        if (rec_camera_project_full(c, X, &lens))
+            weight *= c->fx * c->fy / (lens.J[0] * lens.J[3] - lens.J[1] * lens.J[2]);
         all += l;
         if (x < w / 50 + 1 || y < h / 50 + 1 || x >= w - w / 50 - 1 || y >= h - h / 50 - 1)
             edge += l;

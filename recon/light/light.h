@@ -91,8 +91,8 @@ PVX_MUST_CHECK pvx_err rec_light_noise(const struct rec_light_picture *p, size_t
 void rec_light_middle(const struct rec_light_picture *p, double out[3]);
 
 /* Light that a flame emits in all directions, from one picture, up to a factor common to all cameras:
- *     F = D^2 / (fx fy) * sum over pixels of p cos^3(angle to the axis)                                (3)
- * D: distance to the flame's middle `at`.  Exact for a thin flame, except for the square of (its size / D).
+ *     F = D^2 / (fx fy) * sum over pixels of p cos^3(angle to the axis) / det J                        (3)
+ * J: d(x',y')/d(x,y) of the lens (camera.h).  D: distance to the flame's middle `at`.  Exact for a thin flame, except for the square of (its size / D).
  * PVX_EINVAL: no flame; PVX_ERANGE: flame at the picture's border. */
 PVX_MUST_CHECK pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camera *c,
                                       const double at[3], double out[3], struct pvx_diag *d);

@@ -119,6 +119,35 @@ T_CASE(flame_comes_back)
     cJSON_Delete(o);
 }
 
+/* Cameras so near that their views are 80 degrees wide, as pinholes and as fisheyes. */
+T_CASE(fisheyes_are_as_good_as_pinholes)
+{
+    static const double lens[4] = {-0.03, 0.011, -0.006, 0.001};
+    struct rec_rig usual = rig;
+    double error[2];
+    for (int f = 0; f < 2; f++) {
+        T_EQ_I(rec_rig_ring(CAMERAS, 1.3, W, H, N, &rig), PVX_OK);
+        for (size_t c = 0; c < CAMERAS && f == 1; c++) {
+            rig.cameras[c].model = REC_FISHEYE;
+            memset(rig.cameras[c].dist, 0, sizeof rig.cameras[c].dist);
+            memcpy(rig.cameras[c].dist, lens, sizeof lens);
+            rig.cameras[c].fx *= 1.15;
+            rig.cameras[c].fy *= 1.15;
+        }
+        write_rig("near.yaml", &rig);
+        record("near", "npy");
+        T_EQ_I(pyrovox("reconstruct --rig near.yaml --frames near " EIGHT
+                       " --out wide --last 0 --quiet"),
+               0);
+        error[f] = volume_error("wide/000000.npy", 0, REC_BOX);
+        rec_rig_fini(&rig);
+    }
+    rig = usual;
+    printf("  pinholes %.3f, fisheyes %.3f\n", error[0], error[1]);
+    T_LE(error[0], 0.25);
+    T_LE(error[1], 1.1 * error[0]);
+}
+
 T_CASE(trilinear_and_other_solvers)
 {
     T_NOT_UNDER_TSAN();

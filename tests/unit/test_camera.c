@@ -88,6 +88,82 @@ T_CASE(project_follows_the_equations)
     }
 }
 
+/* What OpenCV 4.6's fisheye::projectPoints gives for K 500 503 322.1 236.7. */
+T_CASE(fisheye_is_opencvs)
+{
+    static const double lens[3][4] = {
+        {-0.02, 0.011, -0.006, 0.0012}, {0, 0, 0, 0}, {0.13, -0.04, 0.02, -0.005}};
+    static const double X[5][3] = {
+        {0, 0, 1}, {0.3, -0.2, 1}, {-1.1, 0.7, 0.9}, {2.5, 1.5, 0.8}, {0.001, 0.002, 3}};
+    static const double want[3][5][2] = {{{322.1, 236.7},
+                                          {465.740696119211, 140.364973136049},
+                                          {-80.328050837386, 494.327121272443},
+                                          {868.662605510324, 566.605188686032},
+                                          {322.266666633951, 237.035333267509}},
+                                         {{322.1, 236.7},
+                                          {466.064225350546, 140.147992864901},
+                                          {-85.654876220639, 497.737258031431},
+                                          {880.752405898518, 573.902592200345},
+                                          {322.266666635802, 237.035333271235}},
+                                         {{322.1, 236.7},
+                                          {468.227579979003, 138.697103027415},
+                                          {-126.043290434586, 523.593186476396},
+                                          {971.112261192986, 628.443800856086},
+                                          {322.266666647840, 237.035333295453}}};
+    for (int l = 0; l < 3; l++) {
+        struct rec_camera c = {
+            .fx = 500, .fy = 503, .cx = 322.1, .cy = 236.7, .model = REC_FISHEYE};
+        c.R[0] = c.R[4] = c.R[8] = 1;
+        memcpy(c.dist, lens[l], sizeof lens[l]);
+        for (int i = 0; i < 5; i++) {
+            struct rec_projection p, q;
+            double o[3], d[3], e = 1e-6;
+            T_OK(rec_camera_project_full(&c, X[i], &p));
+            T_NEAR(p.u, want[l][i][0], 1e-9);
+            T_NEAR(p.v, want[l][i][1], 1e-9);
+            T_OK(rec_camera_ray(&c, want[l][i][0], want[l][i][1], o, d));
+            for (int a = 0; a < 2; a++) {
+                T_NEAR(d[a] / d[2], X[i][a] / X[i][2], 1e-9);
+                double Y[3] = {p.x + (a == 0 ? e : 0), p.y + (a == 1 ? e : 0), 1};
+                T_OK(rec_camera_project_full(&c, Y, &q));
+                T_NEAR((q.u - p.u) / e, p.J[a], 1e-3);
+                T_NEAR((q.v - p.v) / e, p.J[2 + a], 1e-3);
+            }
+        }
+        /* up to 80 degrees off axis, and not beyond 90 */
+        for (int i = 0; i < 1000; i++) {
+            double at = t_uniform(-4, 4), T = t_uniform(0, 1.4), uv[2], o[3], d[3];
+            double Y[3] = {sin(T) * cos(at), sin(T) * sin(at), cos(T)};
+            T_OK(rec_camera_project(&c, Y, uv) && rec_camera_ray(&c, uv[0], uv[1], o, d));
+            for (int a = 0; a < 3; a++)
+                T_NEAR(d[a], Y[a], 1e-12);
+        }
+        double o[3], d[3], beside[3] = {1, 0, 0}, far = 500 * (1.58 + lens[l][0] * 4) + 322.1;
+        T_OK(!rec_camera_project(&c, beside, o));
+        T_OK(!rec_camera_ray(&c, far + 500, 236.7, o, d));
+        T_OK(!rec_camera_ray(&c, 1e300, -1e300, o, d));
+    }
+    struct rec_camera w =
+        camera(lenses[0]); /* any coefficients at all: an answer is right or absent */
+    w.model = REC_FISHEYE;
+    int answered = 0;
+    for (int i = 0; i < 3000; i++) {
+        double u = t_uniform(-400, 1000), v = t_uniform(-300, 800), o[3], d[3], Y[3], uv[2];
+        for (int j = 0; j < 4; j++)
+            w.dist[j] = 0.3 * t_normal();
+        if (!rec_camera_ray(&w, u, v, o, d))
+            continue;
+        answered++;
+        for (int a = 0; a < 3; a++)
+            Y[a] = o[a] + d[a];
+        if (!rec_camera_project(&w, Y, uv))
+            continue; /* on the very edge of the domain */
+        T_NEAR(uv[0], u, 1e-7);
+        T_NEAR(uv[1], v, 1e-7);
+    }
+    T_OK(answered > 1500);
+}
+
 T_CASE(behind_is_refused)
 {
     struct rec_camera c = camera(lenses[1]);

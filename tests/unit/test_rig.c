@@ -152,6 +152,59 @@ T_CASE(photometry_that_cannot_be)
     refuse(HEAD CAM("a", P("serial: 'a\"b'")), PVX_EINVAL, "without quotes");
 }
 
+#define EIGHT "1, 2, 3, 4, 5, 6, 7, 8"
+
+/* OpenCV's vectors of 4 to 14 numbers, and its fisheye. */
+T_CASE(distortion_models)
+{
+    static const char *const brown[] = {"0.1, 0.2, 0.001, 0.002", "1, 2, 3, 4, 5", EIGHT,
+                                        EIGHT ", 0, 0, 0, 0", EIGHT ", 0, 0, 0, 0, 0, 0"};
+    struct rec_rig r;
+    struct pvx_diag d;
+    char text[1000];
+    for (int i = 0; i < 5; i++) {
+        snprintf(text, sizeof text, HEAD CAM("a", "    distortion: [%s]\n"), brown[i]);
+        T_EQ_I(parse(text, &r, &d), PVX_OK);
+        T_EQ_I(r.cameras[0].model, REC_PINHOLE);
+        T_NEAR(r.cameras[0].dist[3], i == 0 ? 0.002 : 4, 0);
+        T_NEAR(r.cameras[0].dist[7], i < 2 ? 0 : 8, 0);
+        rec_rig_fini(&r);
+    }
+    refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0.1, 0, 0]\n"), PVX_EUNSUP,
+           "rig.yaml:9: cameras[0].distortion: 0.1 is of OpenCV's thin prism (s1 s2 s3 s4) model");
+    refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0, 0, 0, 0, 0.2]\n"), PVX_EUNSUP,
+           "0.2 is of OpenCV's tilted sensor (tx ty) model, which is not supported");
+    refuse(HEAD CAM("a", "    distortion: [-0.02, 0.01, -0.03, 0.001]\n"), PVX_EINVAL,
+           "are these k1 k2 k3 k4 of a fisheye? Write model: fisheye");
+    refuse(HEAD CAM("a", "    model: omni\n"), PVX_EINVAL,
+           "rig.yaml:9: cameras[0].model: 'omni' is not known; pinhole or fisheye");
+    refuse(HEAD CAM("a", "    distortion: [1, 2, 3, 4, 5]\n    model: fisheye\n"), PVX_EFORMAT,
+           "of a fisheye should have 4 numbers (k1 k2 k3 k4), not 5");
+    T_EQ_I(parse(HEAD CAM("a", "    distortion: [-0.02, 0.01, -0.03, 0.001]\n    model: pinhole\n")
+                     CAM("b", "    model: fisheye\n")
+                         CAM("c", "    model: fisheye\n    distortion: [0.1, 0, 0.03, 0]\n"),
+                 &r, &d),
+           PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(r.cameras[0].model, REC_PINHOLE);
+    T_EQ_I(r.cameras[1].model, REC_FISHEYE);
+    T_EQ_I(r.cameras[2].model, REC_FISHEYE);
+    T_NEAR(r.cameras[2].dist[2], 0.03, 0);
+    struct rec_rig back;
+    char *out;
+    size_t len;
+    T_EQ_I(rec_rig_format(&r, &out, &len), PVX_OK);
+    T_EQ_I(parse(out, &back, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_OK(memcmp(r.cameras, back.cameras, 3 * sizeof *r.cameras) == 0);
+    T_OK(rec_rig_hash(&r) == rec_rig_hash(&back));
+    back.cameras[1].model = REC_PINHOLE;
+    T_OK(rec_rig_hash(&r) != rec_rig_hash(&back));
+    free(out);
+    rec_rig_fini(&r);
+    rec_rig_fini(&back);
+}
+
 T_CASE(messages_name_the_place)
 {
     refuse("", PVX_EFORMAT, "rig.yaml:1: rig: should be a mapping");
@@ -167,7 +220,7 @@ T_CASE(messages_name_the_place)
     refuse(HEAD CAM("..", ""), PVX_EINVAL, "cameras[0].name");
     refuse(HEAD CAM("\"\"", ""), PVX_EINVAL, "cameras[0].name");
     refuse(HEAD CAM("a", "    distortion: [1,2,3]\n"), PVX_EFORMAT,
-           "rig.yaml:9: cameras[0].distortion: should have 0, 4, 5 or 8 numbers");
+           "rig.yaml:9: cameras[0].distortion: should have 0, 4, 5, 8, 12 or 14 numbers");
     refuse(HEAD CAM("a", "    distortion: [1,2,3,x]\n"), PVX_EFORMAT, "'x' is not a finite number");
     refuse(HEAD CAM("a", "    distortion: [1,2,3,.nan]\n"), PVX_EFORMAT, "not a finite number");
     refuse(HEAD CAM("a", "    gain: [1,2]\n"), PVX_EFORMAT, "cameras[0].gain: should have 1 or 3");

@@ -336,13 +336,14 @@ static void entries_in_footprint(const rec_sysmat *m, const struct entries *all,
  * than the points show.  Strong lenses, coarse grids. */
 T_CASE(footprints_hold_their_support)
 {
-    static const double lens[3][8] = {
-        {0}, {-0.28, 0.09, 4e-3, -6e-3}, {0.5, 0.3, 2e-3, 2e-3, 0.2, 0.1}};
-    for (int t = 0; t < 12; t++) {
+    static const double lens[4][8] = {
+        {0}, {-0.28, 0.09, 4e-3, -6e-3}, {0.5, 0.3, 2e-3, 2e-3, 0.2, 0.1}, {-0.05, 0.02}};
+    for (int t = 0; t < 16; t++) { /* the last: a fisheye */
         struct rec_rig r = ring(2, 96, 64, t % 3 == 0 ? 2 : 7, t % 2 ? REC_TRILINEAR : REC_BOX);
         int32_t binning = t % 4 < 2 ? 1 : 4;
         for (int c = 0; c < 2; c++) {
             memcpy(r.cameras[c].dist, lens[t / 4], sizeof lens[0]);
+            r.cameras[c].model = t / 4 == 3 ? REC_FISHEYE : REC_PINHOLE;
             r.cameras[c].fx *= 1.6; /* part of the volume is outside the image */
         }
         rec_sysmat *m = build(&r, binning, 2, 2);
