@@ -26,6 +26,7 @@ fits() {
     says 0 'volume fitted: x ' 'from 6 of 6 frame sets' && [ ! -e vol ] || return 1
     run "$pyrovox" reconstruct --rig tight.yaml --frames take --black 0.02 --out vol --save-report report.json
     says 0 '6 volumes in vol' && [ "$(find vol -name '*.npy' | wc -l)" = 6 ] || return 1
+    PYTHONPATH=$OLDPWD/proto/clients/python "$py" -c 'import pyrovox; r = pyrovox.open("vol"); assert len(r) == 6 and r.at(3).dense.any() and r.at(3).report.solver' || return 1
     run "$pyrovox" matrix --rig tight.yaml
     says 0 'cached, opened in'
 }

@@ -315,6 +315,8 @@ w.create(dir + "/grid.h5", n=(40, 24, 32)).close()
 refuses("another grid", "/z is of another grid", lambda: pyrovox.open(dir + "/grid.h5"))
 with h5py.File(dir + "/else.h5", "w") as f:
     f["a"] = 1
+with h5py.File(path, "r"):
+    refuses("open twice", "open elsewhere in this process", lambda: pyrovox.open(path))
 refuses("another file", "not a recording", lambda: pyrovox.open(dir + "/else.h5"))
 refuses("text", "not a recording", lambda: pyrovox.open("Makefile"))
 refuses("nothing", "no such recording", lambda: pyrovox.open(dir + "/none.h5"), FileNotFoundError)
@@ -403,6 +405,24 @@ for v in r:
     ok &= np.array_equal(v.dense, want.reshape(8, 9, 10, 3)) and len(v.ids) == (4 if v.set % 3 else 3)
     ok &= v.session == r.session != 0
 if not ok: sys.exit(f"{r}")
+# as `pyrovox reconstruct` describes volumes
+for v in r:
+    m = json.load(open(f"{sys.argv[1]}/{v.set:06d}.json"))
+    m["frame"], m["time_ns"], m["clock"], m["solver"] = m.pop("set"), m.pop("t_exposure_ns"), "CLOCK_REALTIME", m.pop("report")
+    import os
+    os.makedirs(sys.argv[1] + "-frames", exist_ok=True)
+    json.dump({**m, "units": "emission per metre"}, open(f"{sys.argv[1]}-frames/{v.set + 999997:06d}.json", "w"))
+    np.save(f"{sys.argv[1]}-frames/{v.set + 999997:06d}.npy", v.dense)
+for v, u in zip(r, f := pyrovox.open(sys.argv[1] + "-frames")):
+    ok = (u.set == v.set + 999997 and u.t_exposure_ns == v.t_exposure_ns and np.array_equal(u.dense, v.dense) and
+          u.report == v.report and u.units == "1/m")
+    if not ok: sys.exit(f"{u} {v}")
+if len(f) != 6: sys.exit("files of reconstruct")
+np.save(sys.argv[1] + "-frames/0999999.npy", v.dense); json.dump(m, open(sys.argv[1] + "-frames/0999999.json", "w"))
+try:
+    pyrovox.open(sys.argv[1] + "-frames"); sys.exit("two of one number")
+except ValueError as e:
+    if "have one number" not in str(e): sys.exit(str(e))
 a = np.load(sys.argv[1] + "/000002.npy"); a[0, 0, 0, 0] = np.inf; np.save(sys.argv[1] + "/000002.npy", a)
 m = json.load(open(sys.argv[1] + "/000003.json")); m["shape"] = [1024, 1024, 1024, 3]
 json.dump(m, open(sys.argv[1] + "/000003.json", "w"))

@@ -26,6 +26,8 @@ ATTEMPTS = 22  # to read something that a writer is changing; each waits twice a
 CACHE = 8 << 20  # bytes: a layer of chunks
 TEXT = 8 << 20  # bytes
 ROWS = 256  # of the columns that are read together
+# what HDF5 says of a file that this process has open with other properties
+ELSEWHERE = ("already open", "locking flag values don't match", "close degree doesn't match")
 REPORT = ("iterations", "rel_residual", "active_voxels", "active_rays", "entries", "photometry_ns",
           "hull_ns", "restrict_ns", "solve_ns", "total_ns")
 VALUES = ("t_publish_ns", "spread_ns", "latency_ns", "camera_mask", "cameras_present")
@@ -51,7 +53,11 @@ def reading(path: str) -> Iterator[None]:
         yield
     except (BadRecording, _page.TooLarge):
         raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError,
+    except OSError as e:
+        if any(text in str(e) for text in ELSEWHERE):
+            raise BadRecording(f"{path}: is open elsewhere in this process, in another way: close it there first") from None
+        raise BadRecording(f"{path}: is damaged, or not a recording of volumes ({str(e)[:200]})") from None
+    except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError,
             OverflowError, MemoryError) as e:
         raise BadRecording(f"{path}: is damaged, or not a recording of volumes ({str(e)[:200]})") from None
 
@@ -82,7 +88,9 @@ class File:
         with reading(self.path):
             try:
                 self.file = open_file(self.path, h5py.h5f.ACC_RDONLY)
-            except OSError:  # being written, or cut off
+            except OSError as e:  # being written, or cut off
+                if any(text in str(e) for text in ELSEWHERE[1:]):
+                    raise
                 self.file = open_file(self.path, h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ)
             try:
                 self._head()

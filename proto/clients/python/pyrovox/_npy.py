@@ -1,4 +1,6 @@
-"""A recording as a folder: SET.npy and SET.json of each volume, recording.json, rig.yaml, config.yaml."""
+"""A recording as a folder: SET.npy and SET.json of each volume, recording.json, rig.yaml, config.yaml.
+
+Also a folder of `pyrovox reconstruct`: its .json have `frame`, `time_ns` and `solver` for `set`, `t_exposure_ns` and `report`."""
 from __future__ import annotations
 
 import json
@@ -36,6 +38,10 @@ def text(path: str) -> str:
         return ""
 
 
+def exposure(m: dict[str, Any]) -> int:
+    return int(m["t_exposure_ns"] if "t_exposure_ns" in m else m["time_ns"])
+
+
 class Folder:
     def __init__(self, path: str, memory: int):
         self.path, self.memory = path, memory
@@ -48,6 +54,9 @@ class Folder:
         # a volume's .json comes after its .npy
         names = sorted((n[:-5] for n in os.listdir(self.path) if n.endswith(".json") and n[:-5].isdigit()), key=int)
         self.names = [n for n in names if os.path.exists(os.path.join(self.path, n + ".npy"))]
+        for a, b in zip(self.names, self.names[1:]):
+            if int(a) == int(b):
+                raise BadRecording(f"{self.path}: {a}.npy and {b}.npy have one number: move one of them away")
         try:
             self._head()
             self.sets = np.array([int(n) for n in self.names], np.uint64)
@@ -75,16 +84,16 @@ class Folder:
         first = self._describe(self.names[0])
         self.grid = self._grid(self.names[0], first)
         self.session, self.rig_hash = (int(first.get(k, "0"), 16) for k in ("session", "rig_hash"))
-        self.units = str(first.get("units", "1/m"))
+        self.units = str(first.get("units", "1/m")) if "set" in first else "1/m"
 
     def _describe(self, name: str) -> dict[str, Any]:
         return load(os.path.join(self.path, name + ".json"))
 
     def _times(self, name: str) -> int:
-        return int(self._describe(name)["t_exposure_ns"])
+        return exposure(self._describe(name))
 
     def _grid(self, name: str, m: dict[str, Any]) -> Grid:
-        nz, ny, nx, channels = (int(v) for v in m["shape"])
+        nz, ny, nx, channels = (int(v) for v in [*m["shape"], 1][:max(4, len(m["shape"]))])
         try:
             _page.check_grid((nx, ny, nz), channels, self.memory)
             low = [float(v) for v in m["origin"]]
@@ -103,13 +112,13 @@ class Folder:
             m = self._describe(name)
             if self._grid(name, m) != self.grid:
                 raise BadRecording(f"{self.path}/{name}.json: is of another grid than the first volume")
-            r = m.get("report", {})
+            r = m.get("report", m.get("solver", {}))
             ms = {f"{key}_ns": round(1e6 * float(value)) for key, value in r.get("ms", {}).items()
                   if f"{key}_ns" in Report.__dataclass_fields__}
             residual = {} if r.get("rel_residual", 0) is not None else {"rel_residual": float("nan")}
             report = Report(**{**{key: r[key] for key in REPORT if key in r}, **ms, **residual})
             return Volume(grid=self.grid, set=int(name), session=int(m.get("session", "0"), 16), report=report,
-                          t_exposure_ns=int(m["t_exposure_ns"]), camera_mask=int(m.get("camera_mask", "0"), 16),
+                          t_exposure_ns=exposure(m), camera_mask=int(m.get("camera_mask", "0"), 16),
                           clamped=bool(m.get("clamped", False)), values=self._values(name), units=self.units,
                           rig_hash=self.rig_hash, **{key: int(m.get(key, 0)) for key in NUMBERS})
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as e:
@@ -125,6 +134,7 @@ class Folder:
                 a = np.load(path, mmap_mode="r", allow_pickle=False)
             except (OSError, ValueError, SyntaxError, EOFError, MemoryError, OverflowError) as e:
                 raise BadRecording(f"{path}: {e}") from None
+            a = a[..., None] if a.ndim == 3 else a
             if a.shape != self.grid.shape or a.dtype != np.dtype("<f4"):
                 raise BadRecording(f"{path}: is not float32 {list(self.grid.shape)}, as its .json says")
             planes = np.array(a[z0:z1], np.float32)
