@@ -39,8 +39,10 @@ static bool reel_belongs(const char *file, const char *path, const char *camera)
         return cap_is_video(file) && !reel_is_folder(path);
     if (strcmp(file, camera) == 0)
         return reel_is_folder(path);
-    return (cap_is_video(file) || reel_is_stack(file)) && (size_t)(dot - file) == n &&
-           memcmp(file, camera, n) == 0;
+    uint32_t pages; /* a picture of one page is a background, not a stack */
+    return dot != NULL && (size_t)(dot - file) == n && memcmp(file, camera, n) == 0 &&
+           (cap_is_video(file) ||
+            (reel_is_stack(file) && (cap_image_pages(path, &pages, NULL) != PVX_OK || pages > 1)));
 }
 
 /* The one file or folder in `dir` that belongs to the camera; camera NULL: the one film.  *out NULL: there is none. */
@@ -153,6 +155,7 @@ static pvx_err reel_open_pictures(struct cap_reel *r, struct cap_sequence *s, st
         r->frame[r->n] = (struct cap_reel_frame){s->item[r->n].number, (uint32_t)r->n, 0};
     r->left_out = s->unnumbered;
     r->unnumbered = s->first_unnumbered;
+    r->odd = s->odd;
     s->first_unnumbered = NULL;
     return PVX_OK;
 }

@@ -24,6 +24,7 @@ struct cap_reel {
     char **path;     /* [files] */
     size_t left_out; /* pictures without a number, the first of which is: */
     char *unnumbered;
+    size_t odd;       /* the first picture whose name is of another kind (sequence.h); 0: none */
     cap_video *video; /* open at: */
     size_t next;
     int64_t held_at;       /* time of a film's frame that was read too early, in: */

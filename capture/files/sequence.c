@@ -246,9 +246,22 @@ static bool sequence_backwards(const char *a, const char *b)
     return order > 0 && *a == *b;
 }
 
+static bool sequence_alike(const char *a, const char *b)
+{
+    const char *enda = strrchr(a, '.'), *endb = strrchr(b, '.');
+    while (a != enda && b != endb && *a != '\0' && *b != '\0') {
+        size_t na = strspn(a, "0123456789"), nb = strspn(b, "0123456789");
+        if ((na == 0) != (nb == 0) || (na == 0 && *a != *b))
+            return false;
+        a += na > 0 ? na : 1;
+        b += nb > 0 ? nb : 1;
+    }
+    return a == enda && b == endb;
+}
+
 /* Refuse what a number alone does not tell: two files of one number, and names like 12-00-01.050 after 12-00-00.950,
  * where the last run of digits starts again. */
-static pvx_err sequence_check(const struct cap_sequence *s, struct pvx_diag *d)
+static pvx_err sequence_check(struct cap_sequence *s, struct pvx_diag *d)
 {
     for (size_t i = 1; i < s->n; i++) {
         const char *a = s->item[i - 1].path, *b = s->item[i].path;
@@ -257,6 +270,8 @@ static pvx_err sequence_check(const struct cap_sequence *s, struct pvx_diag *d)
                             "%.300s and %.300s have the same frame number (the last run of digits "
                             "in a file's name)",
                             a, b);
+        if (s->odd == 0 && !sequence_alike(last_part(s->item[0].path), last_part(b)))
+            s->odd = i;
         if (sequence_backwards(last_part(a), last_part(b)))
             return pvx_fail(d, PVX_EINVAL,
                             "%.300s and %.300s: the last run of digits in a file's name is its "

@@ -19,6 +19,8 @@ struct cap_sequence {
         int64_t number;
         char *path;
     } * item; /* [n] by number, n >= 1 */
+    size_t
+        odd; /* the first item whose name differs from that of item 0 in more than digits and extension; 0: none */
     size_t unnumbered;
     char *first_unnumbered; /* NULL: none */
 };

@@ -355,6 +355,33 @@ T_CASE(numbers_that_are_times)
     T_CONTAINS(slurp("err"), "is one film");
 }
 
+/* Films without loss give the volumes of the pictures, bit for bit, where a camera's film lacks a frame too. */
+T_CASE(films_are_frames)
+{
+    char cmd[600];
+    if (system("ffmpeg -version >/dev/null 2>&1") != 0) /* NOLINT(cert-env33-c,*command-proc*) */
+        T_SKIP("no ffmpeg");
+    T_EQ_I(mkdir(at("film"), 0777), 0);
+    record("shots", "png");
+    for (int c = 0; c + 1 < CAMERAS; c++) {
+        snprintf(cmd, sizeof cmd,
+                 "cd '%s' && mkdir -p film/cam4 && ffmpeg -v error -framerate 20 -i "
+                 "shots/cam%d/%%06d.png %s -vsync passthrough -c:v ffv1 -pix_fmt bgr0 film/%s.mkv",
+                 dir, c, c == 3 ? "-vf 'select=not(eq(n\\,1))'" : "",
+                 c == 4 ? "cam4/x" : at("/cam%d", c) + strlen(dir) + 1);
+        T_EQ_I(system(cmd), 0); /* NOLINT(cert-env33-c,bugprone-command-processor) */
+    }
+    T_EQ_I(unlink(at("shots/cam3/000001.png")), 0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames shots " EIGHT " --out vshots --quiet"), 0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames film " EIGHT " --out vfilm --quiet"), 0);
+    T_CONTAINS(slurp("err"), "cam3 has no frame in 1 of 3 sets");
+    T_CONTAINS(slurp("err"), "frame 000001: solved from 7 of 8 cameras, without cam3");
+    for (int f = 0; f < FRAMES; f++) {
+        snprintf(cmd, sizeof cmd, "cmp '%s/vshots/%06d.npy' '%s/vfilm/%06d.npy'", dir, f, dir, f);
+        T_EQ_I(system(cmd), 0); /* NOLINT(cert-env33-c,bugprone-command-processor) */
+    }
+}
+
 /* A take of a camera's JPEG pictures: one set, sRGB. */
 T_CASE(a_take_of_jpegs)
 {

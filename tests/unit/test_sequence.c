@@ -111,6 +111,19 @@ T_CASE(other_digits_do_not_contradict)
     numbers("", "8 9 10");
     scratch_remove();
     scratch_new();
+    struct cap_sequence s;
+    struct pvx_diag d;
+    touch("000000.png");
+    touch("000001.TIF");
+    T_EQ_I(find("", &s, &d), PVX_OK);
+    T_EQ_I(s.odd, 0);
+    cap_sequence_free(&s);
+    touch("dark_7.png"); /* taken, and said */
+    T_EQ_I(find("", &s, &d), PVX_OK);
+    T_EQ_I(s.odd, 2);
+    cap_sequence_free(&s);
+    scratch_remove();
+    scratch_new();
     touch("12-00-00.950.png");
     touch("12-00-01.050.png");
     fails("", PVX_EINVAL, "12-00-00.950.png: the last run of digits");

@@ -85,8 +85,11 @@ static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *
         return PVX_OK;
     if (S_ISDIR(st.st_mode))
         return find_add_reel(l, dir, path, name, d);
-    if (!cap_is_video(name) &&
-        (!cap_is_image(name) || cap_image_pages(path, &pages, NULL) != PVX_OK || pages < 2))
+    struct pvx_diag why = {""};
+    bool film = cap_is_video(name);
+    if (!film && cap_is_image(name) && cap_image_pages(path, &pages, &why) != PVX_OK)
+        fprintf(stderr, "pyrovox: %s\n", why.text);
+    if (!film && pages < 2)
         return PVX_OK;
     snprintf(camera, sizeof camera, "%.*s", (int)(strrchr(name, '.') - name), name);
     return find_add_reel(l, dir, path, camera, d);

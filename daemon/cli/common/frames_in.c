@@ -134,6 +134,9 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
         cap_reel_close(&f->reel[c]);
         return PVX_OK;
     }
+    if (e == PVX_OK && f->reel[c].odd > 0)
+        fprintf(stderr, "pyrovox: camera %s: %s and %s are names of two kinds; both are frames\n",
+                camera, f->reel[c].path[0], f->reel[c].path[f->reel[c].odd]);
     if (e == PVX_OK && f->reel[c].left_out > 0)
         fprintf(stderr, "pyrovox: camera %s: pictures without a number are left out: %s%s\n",
                 camera, f->reel[c].unnumbered, f->reel[c].left_out > 1 ? " and others" : "");

@@ -77,7 +77,8 @@ static pvx_err mark_sets(const struct reconstruct_look *l, struct silhouettes *s
     for (size_t k = 0; k < n; k++) {
         if (l->seconds > 0 && k >= 2 && out->seconds > l->seconds)
             break;
-        silhouettes_load(see, reconstruct_spread(k, all));
+        /* all of them in order: a film is slow the other way */
+        silhouettes_load(see, n < all || l->seconds > 0 ? reconstruct_spread(k, all) : k);
         size_t bricks =
             rec_hull_bricks(hull, &l->params->hull, see->lit, see->believed, l->pool, brick);
         add_set(outline, brick, bricks, out);
