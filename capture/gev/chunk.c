@@ -6,6 +6,7 @@
 
 #include "base/clock.h"
 #include "capture/gev/err.h"
+#include "capture/gev/feature.h"
 #include "capture/gev/find.h"
 #include "capture/gev/ticks.h"
 
@@ -28,12 +29,12 @@ pvx_err aravis_chunks_init(struct aravis_chunks *k, const struct cap_source_conf
     GError *err = NULL;
     if (!c->chunks) {
         /* chunks that another program left on would only cost time */
-        if (arv_camera_are_chunks_available(cam, NULL))
+        if (!aravis_asks(c, "ChunkModeActive") && arv_camera_are_chunks_available(cam, NULL))
             arv_camera_set_chunk_mode(cam, FALSE, NULL);
         return PVX_OK;
     }
     if (!arv_camera_are_chunks_available(cam, NULL))
-        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "chunks refused: the camera has no chunk data");
+        return aravis_lacks(c, cam, "chunks", "ChunkModeActive", d);
     arv_camera_set_chunk_mode(cam, TRUE, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EINVAL, "chunks", &err, d);

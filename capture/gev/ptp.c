@@ -7,6 +7,7 @@
 
 #include "base/clock.h"
 #include "capture/gev/err.h"
+#include "capture/gev/feature.h"
 
 #define WAIT_NS PVX_NS_PER_S
 #define LOOK_NS (50 * PVX_NS_PER_MS)
@@ -64,7 +65,10 @@ pvx_err aravis_ptp_enable(const struct cap_source_config *c, ArvCamera *cam, str
     if (n == NULL)
         return CAP_FAIL(c, "aravis", d, PVX_EUNSUP,
                         "ptp refused: the camera has neither PtpEnable nor "
-                        "GevIEEE1588");
+                        "GevIEEE1588%s",
+                        aravis_near(cam, "Ptp").text);
+    if (!aravis_has(cam, n->state))
+        return aravis_lacks(c, cam, "ptp", n->state, d);
     bool on = arv_camera_get_boolean(cam, n->enable, NULL);
     if (on)
         return PVX_OK; /* it keeps the time that it has */
@@ -83,6 +87,10 @@ pvx_err aravis_ptp_wait(const struct cap_source_config *c, ArvCamera *cam, struc
     int64_t until = pvx_now_mono() + WAIT_NS;
     if (!c->ptp)
         return PVX_OK;
+    const struct names *n = names_of(cam);
+    if (n != NULL && aravis_asks(c, n->enable) && !arv_camera_get_boolean(cam, n->enable, NULL))
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                        "ptp: true and `features: %s` disagree; leave one of them out", n->enable);
     for (;;) {
         aravis_ptp_read(cam, &p);
         if (aravis_ptp_good(&p, c->ptp_offset_us))

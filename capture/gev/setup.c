@@ -4,6 +4,7 @@
 #include <math.h>
 #include <net/if.h>
 #include <netinet/in.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
@@ -12,6 +13,7 @@
 
 #include "base/log.h"
 #include "capture/gev/err.h"
+#include "capture/gev/feature.h"
 #include "capture/gev/ptp.h"
 #include "capture/gev/ticks.h"
 #include "capture/gev/trigger.h"
@@ -20,127 +22,186 @@
 #define GVCP_CAN_RESEND     0x4u
 #define JUMBO               9000 /* no larger packets unless asked for */
 
-static pvx_err setup_set_format(const struct cap_source_config *c, ArvCamera *cam,
-                                struct aravis_layout *l, struct pvx_diag *d)
+/* Features of triggers and lines are set after the trigger, because setting the trigger chooses selectors and an edge
+ * for them.  The size is set when the offset is 0, and then the offset. */
+enum feature_kind { FEATURE_FIRST, FEATURE_SIZE, FEATURE_OFFSET, FEATURE_TRIGGER };
+
+static enum feature_kind kind_of(const char *name)
+{
+    if (strcmp(name, "Width") == 0 || strcmp(name, "Height") == 0)
+        return FEATURE_SIZE;
+    if (strcmp(name, "OffsetX") == 0 || strcmp(name, "OffsetY") == 0)
+        return FEATURE_OFFSET;
+    bool trigger = strncmp(name, "Trigger", 7) == 0 || strncmp(name, "Line", 4) == 0;
+    return trigger ? FEATURE_TRIGGER : FEATURE_FIRST;
+}
+
+static pvx_err set_features(const struct cap_source_config *c, ArvCamera *cam,
+                            enum feature_kind kind, struct pvx_diag *d)
+{
+    for (size_t i = 0; i < c->n_features; i++)
+        if (kind_of(c->features[i].name) == kind)
+            PVX_TRY(aravis_feature_set(c, cam, &c->features[i], d));
+    return PVX_OK;
+}
+
+static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
+                          struct aravis_layout *l, struct pvx_diag *d)
 {
     GError *err = NULL;
-    if (c->fmt != CAP_FMT_NONE) {
-        uint32_t pfnc = cap_pixfmt_pfnc(c->fmt);
-        if (pfnc == 0)
-            return CAP_FAIL(c, "aravis", d, PVX_EUNSUP, "format %s does not exist there",
-                            cap_pixfmt_name(c->fmt));
-        arv_camera_set_pixel_format(cam, pfnc, &err);
-        if (err != NULL)
-            return aravis_fail(c, PVX_EINVAL, cap_pixfmt_name(c->fmt), &err, d);
+    uint32_t pfnc = cap_pixfmt_pfnc(c->fmt);
+    if (c->fmt != CAP_FMT_NONE && pfnc == 0)
+        return CAP_FAIL(c, "aravis", d, PVX_EUNSUP, "format %s does not exist there",
+                        cap_pixfmt_name(c->fmt));
+    if (!aravis_has(cam, "PixelFormat")) {
+        if (c->fmt == CAP_FMT_NONE)
+            return aravis_lacks(c, cam, "pixel_format: auto", "PixelFormat", d);
+        CAP_LOG(PVX_LOG_WARN, c, "aravis", "PixelFormat",
+                "the camera has no PixelFormat%s: every frame is checked for %s",
+                aravis_near(cam, "PixelFormat").text, cap_pixfmt_name(c->fmt));
+        l->fmt = c->fmt;
+        return PVX_OK;
     }
     ArvPixelFormat got = arv_camera_get_pixel_format(cam, &err);
+    if (err == NULL && pfnc != 0 && got != pfnc) {
+        arv_camera_set_pixel_format(cam, pfnc, NULL);
+        got = arv_camera_get_pixel_format(cam, &err);
+    }
     if (err != NULL)
         return aravis_fail(c, PVX_EIO, "pixel format", &err, d);
     l->fmt = cap_pixfmt_from_pfnc(got);
-    if (l->fmt == CAP_FMT_NONE)
-        return CAP_FAIL(c, "aravis", d, PVX_EUNSUP,
-                        "its pixel format 0x%08x is not known here: set one "
-                        "that pyrovoxd --print-config lists under pixel_format",
-                        (unsigned)got);
-    if (c->fmt != CAP_FMT_NONE && l->fmt != c->fmt)
-        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "format %s refused: the camera has %s",
-                        cap_pixfmt_name(c->fmt), cap_pixfmt_name(l->fmt));
-    return PVX_OK;
+    if (l->fmt != CAP_FMT_NONE && (c->fmt == CAP_FMT_NONE || l->fmt == c->fmt))
+        return PVX_OK;
+    char has[400];
+    aravis_entries(cam, "PixelFormat", has, sizeof has);
+    return l->fmt == CAP_FMT_NONE
+               ? CAP_FAIL(c, "aravis", d, PVX_EUNSUP,
+                          "its pixel format 0x%08x is not known here: of those that it offers (%s) "
+                          "set one that pyrovoxd --print-config lists under pixel_format",
+                          (unsigned)got, has)
+               : CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                          "format %s refused: the camera has %s and offers %s",
+                          cap_pixfmt_name(c->fmt), cap_pixfmt_name(l->fmt), has);
+}
+
+/* The room for the size depends on the offset, so the offset is 0 until the size is set. */
+static void clear_offset(const struct cap_source_config *c, ArvCamera *cam, const char *offset)
+{
+    GError *err = NULL;
+    gint64 was = aravis_has(cam, offset) ? arv_camera_get_integer(cam, offset, NULL) : 0;
+    if (was == 0)
+        return;
+    arv_camera_set_integer(cam, offset, 0, &err);
+    if (!aravis_asks(c, offset))
+        CAP_LOG(PVX_LOG_WARN, c, "aravis", offset,
+                "its %s was %lld%s; `features: { %s: %lld }` keeps it", offset, (long long)was,
+                err == NULL ? " and is now 0" : " and cannot be set to 0", offset, (long long)was);
+    g_clear_error(&err);
+}
+
+static pvx_err set_one_size(const struct cap_source_config *c, ArvCamera *cam, const char *name,
+                            int want, int *got, struct pvx_diag *d)
+{
+    GError *err = NULL;
+    if (!aravis_has(cam, name)) {
+        if (want <= 0)
+            return aravis_lacks(c, cam, "image size", name, d);
+        CAP_LOG(PVX_LOG_WARN, c, "aravis", name,
+                "the camera has no %s%s: every frame is checked for %d", name,
+                aravis_near(cam, name).text, want);
+        *got = want;
+        return PVX_OK;
+    }
+    /* A refusal shows by the size that the camera then has; the error gives the limits. */
+    if (want > 0)
+        arv_camera_set_integer(cam, name, want, NULL);
+    *got = (int)arv_camera_get_integer(cam, name, &err);
+    return err == NULL ? PVX_OK : aravis_fail(c, PVX_EIO, "image size", &err, d);
 }
 
 static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
                           struct aravis_layout *l, struct pvx_diag *d)
 {
-    GError *err = NULL;
-    int x, y;
-    if (c->width > 0 && c->height > 0) {
-        int offset = arv_camera_is_region_offset_available(cam, NULL) ? 0 : -1; /* -1: leave */
-        arv_camera_set_region(cam, offset, offset, c->width, c->height, &err);
-    }
-    /* A refusal shows below, by the size that the camera then has; the error gives the limits. */
-    g_clear_error(&err);
-    arv_camera_get_region(cam, &x, &y, &l->width, &l->height, &err);
-    if (err != NULL)
-        return aravis_fail(c, PVX_EIO, "image size", &err, d);
-    if (c->width > 0 && c->height > 0 && (l->width != c->width || l->height != c->height)) {
+    bool sized = c->width > 0 && c->height > 0;
+    if (sized || aravis_asks(c, "OffsetX"))
+        clear_offset(c, cam, "OffsetX");
+    if (sized || aravis_asks(c, "OffsetY"))
+        clear_offset(c, cam, "OffsetY");
+    if (!sized)
+        PVX_TRY(set_features(c, cam, FEATURE_SIZE, d));
+    PVX_TRY(set_one_size(c, cam, "Width", sized ? c->width : 0, &l->width, d));
+    PVX_TRY(set_one_size(c, cam, "Height", sized ? c->height : 0, &l->height, d));
+    if (sized && (l->width != c->width || l->height != c->height)) {
+        char sensor[64] = "";
         int w = 0, h = 0;
         arv_camera_get_sensor_size(cam, &w, &h, NULL);
+        if (w > 0 && h > 0)
+            snprintf(sensor, sizeof sensor, ", its sensor %dx%d", w, h);
         return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
-                        "image size %dx%d refused: the camera has %dx%d, "
-                        "its sensor %dx%d",
-                        c->width, c->height, l->width, l->height, w, h);
+                        "image size %dx%d refused: the camera has %dx%d%s", c->width, c->height,
+                        l->width, l->height, sensor);
     }
-    return PVX_OK;
+    return set_features(c, cam, FEATURE_OFFSET, d);
 }
 
-static pvx_err setup_set_exposure(const struct cap_source_config *c, ArvCamera *cam,
-                                  struct pvx_diag *d)
+/* An automatic mode would change what is set.  Without the feature there is none. */
+static pvx_err set_manual(const struct cap_source_config *c, ArvCamera *cam, const char *mode,
+                          const char *value, struct pvx_diag *d)
+{
+    return arv_camera_is_enumeration_entry_available(cam, mode, value, NULL)
+               ? aravis_choose(c, cam, mode, value, d)
+               : PVX_OK;
+}
+
+/* Why a value that was asked for could not be set: the camera has no such feature, or `err`. */
+static pvx_err setup_not_set(const struct cap_source_config *c, ArvCamera *cam, const char *asked,
+                             const char *name, GError **err, struct pvx_diag *d)
+{
+    if (!g_error_matches(*err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_FEATURE_NOT_FOUND))
+        return aravis_fail(c, PVX_EINVAL, asked, err, d);
+    g_clear_error(err);
+    return aravis_lacks(c, cam, asked, name, d);
+}
+
+static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
     GError *err = NULL;
     double min = 0, max = 0;
-    if (c->exposure_us >= 0) {
-        if (arv_camera_is_exposure_auto_available(cam, NULL))
-            arv_camera_set_exposure_time_auto(cam, ARV_AUTO_OFF, NULL);
-        arv_camera_set_exposure_time(cam, c->exposure_us, &err);
-        g_clear_error(&err);
-        double got = arv_camera_get_exposure_time(cam, &err);
-        if (err != NULL)
-            return aravis_fail(c, PVX_EINVAL, "exposure time", &err, d);
-        if (fabs(got - c->exposure_us) > 0.01 * c->exposure_us + 1) {
-            arv_camera_get_exposure_time_bounds(cam, &min, &max, NULL);
-            return aravis_refused(c, d, "exposure time [us]", c->exposure_us, got, min, max);
-        }
-    }
-    if (c->gain >= 0) {
-        if (arv_camera_is_gain_auto_available(cam, NULL))
-            arv_camera_set_gain_auto(cam, ARV_AUTO_OFF, NULL);
-        arv_camera_set_gain(cam, c->gain, &err);
-        g_clear_error(&err);
-        double got = arv_camera_get_gain(cam, &err);
-        if (err != NULL)
-            return aravis_fail(c, PVX_EINVAL, "gain", &err, d);
-        if (fabs(got - c->gain) > 0.01 * c->gain + 0.05) {
-            arv_camera_get_gain_bounds(cam, &min, &max, NULL);
-            return aravis_refused(c, d, "gain", c->gain, got, min, max);
-        }
-    }
-    return PVX_OK;
+    if (c->exposure_us < 0)
+        return PVX_OK;
+    PVX_TRY(set_manual(c, cam, "ExposureAuto", "Off", d));
+    PVX_TRY(set_manual(c, cam, "ExposureMode", "Timed", d));
+    arv_camera_set_exposure_time(cam, c->exposure_us, &err);
+    g_clear_error(&err);
+    double got = arv_camera_get_exposure_time(cam, &err);
+    if (err != NULL)
+        return setup_not_set(c, cam, "exposure_us", "ExposureTime", &err, d);
+    if (fabs(got - c->exposure_us) <= 0.01 * c->exposure_us + 1)
+        return PVX_OK;
+    arv_camera_get_exposure_time_bounds(cam, &min, &max, NULL);
+    return aravis_refused(c, d, "exposure time [us]", c->exposure_us, got, min, max);
 }
 
-/* Equal as text, or both are numbers and equal within the rounding of a camera's steps. */
-static bool same_value(const char *want, const char *got)
-{
-    char *end_want, *end_got;
-    double a = strtod(want, &end_want), b = strtod(got, &end_got);
-    if (end_want != want && *end_want == '\0' && end_got != got && *end_got == '\0')
-        return fabs(a - b) <= 1e-3 * fabs(a);
-    bool truth = strcmp(got, "true") == 0;
-    if ((truth || strcmp(got, "false") == 0) && (strcmp(want, "1") == 0 || strcmp(want, "0") == 0))
-        return truth == (want[0] == '1');
-    return strcmp(want, got) == 0;
-}
-
-static pvx_err setup_set_feature(const struct cap_source_config *c, ArvCamera *cam,
-                                 const struct cap_feature *f, struct pvx_diag *d)
+static pvx_err set_gain(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
     GError *err = NULL;
-    ArvDevice *dev = arv_camera_get_device(cam);
-    ArvGcNode *node = arv_device_get_feature(dev, f->name);
-    if (!ARV_IS_GC_FEATURE_NODE(node))
-        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "the camera has no feature %s", f->name);
-    if (ARV_IS_GC_COMMAND(node)) {
-        arv_gc_command_execute(ARV_GC_COMMAND(node), &err);
-        return err == NULL ? PVX_OK : aravis_fail(c, PVX_EINVAL, f->name, &err, d);
-    }
-    arv_gc_feature_node_set_value_from_string(ARV_GC_FEATURE_NODE(node), f->value, &err);
+    double min = 0, max = 0;
+    if (c->gain < 0)
+        return PVX_OK;
+    PVX_TRY(set_manual(c, cam, "GainAuto", "Off", d));
+    arv_camera_set_gain(cam, c->gain, &err);
+    g_clear_error(&err);
+    double got = arv_camera_get_gain(cam, &err);
     if (err != NULL)
-        return aravis_fail(c, PVX_EINVAL, f->name, &err, d);
-    const char *got = arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), &err);
-    if (err != NULL || got == NULL)
-        return aravis_fail(c, PVX_EINVAL, f->name, &err, d);
-    if (!same_value(f->value, got))
-        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "feature %s = %s refused: the camera has %s",
-                        f->name, f->value, got);
+        return setup_not_set(c, cam, "gain", "Gain", &err, d);
+    if (fabs(got - c->gain) > 0.01 * c->gain + 0.05) {
+        arv_camera_get_gain_bounds(cam, &min, &max, NULL);
+        return aravis_refused(c, d, "gain", c->gain, got, min, max);
+    }
+    if (!aravis_has(cam, "Gain"))
+        CAP_LOG(PVX_LOG_WARN, c, "aravis", "Gain",
+                "the camera has no Gain%s: gain %g is in steps of its own, not in dB",
+                aravis_near(cam, "Gain").text, c->gain);
     return PVX_OK;
 }
 
@@ -185,9 +246,12 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     bool loopback;
     if (!arv_camera_is_gv_device(cam))
         return PVX_OK;
+    bool theirs = aravis_asks(c, "GevSCPSPacketSize") && c->gige.packet_size <= 0;
     arv_camera_gv_set_packet_size_adjustment(cam, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
     int mtu = path_mtu(ARV_GV_DEVICE(arv_camera_get_device(cam)), &loopback);
     int size = c->gige.packet_size;
+    if (theirs)
+        size = (int)arv_camera_gv_get_packet_size(cam, NULL);
     if (size > 0 && mtu > 0 && size > mtu)
         return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
                         "packet_size %d is more than the interface's MTU "
@@ -209,8 +273,9 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     if (err != NULL)
         return aravis_fail(c, PVX_EIO, "packet size", &err, d);
     if (c->gige.packet_size > 0 && got != size)
-        return CAP_FAIL(c, "aravis", d, PVX_EINVAL, "packet_size %d refused: the camera has %d",
-                        size, got);
+        return CAP_FAIL(
+            c, "aravis", d, PVX_EINVAL, "packet_size %d refused: the camera has %d%s", size, got,
+            aravis_has(cam, "GevSCPSPacketSize") ? "" : aravis_near(cam, "GevSCPSPacketSize").text);
     CAP_DEBUG(c, "aravis", "packets of %d bytes, MTU %d", got, mtu);
     return PVX_OK;
 }
@@ -225,7 +290,7 @@ static pvx_err set_packet_delay(const struct cap_source_config *c, ArvCamera *ca
     g_clear_error(&err);
     gint64 got = arv_camera_gv_get_packet_delay(cam, &err);
     if (err != NULL)
-        return aravis_fail(c, PVX_EINVAL, "packet delay", &err, d);
+        return setup_not_set(c, cam, "gige.packet_delay_ns", "GevSCPD", &err, d);
     /* the camera counts in ticks of its own clock, of up to 1 us */
     if (llabs(got - c->gige.packet_delay) <= 1000)
         return PVX_OK;
@@ -247,17 +312,39 @@ bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera)
            (can & GVCP_CAN_RESEND) != 0;
 }
 
-/* Features of triggers and lines are set after the trigger, because setting the trigger chooses selectors and an edge
- * for them. */
-static pvx_err set_features(const struct cap_source_config *c, ArvCamera *cam, bool of_trigger,
-                            struct pvx_diag *d)
+/* What a person sets of triggers comes last.  It must leave the trigger that the capture was told. */
+static pvx_err set_trigger(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
-    for (size_t i = 0; i < c->n_features; i++) {
-        const char *name = c->features[i].name;
-        bool is = strncmp(name, "Trigger", 7) == 0 || strncmp(name, "Line", 4) == 0;
-        if (is == of_trigger)
-            PVX_TRY(setup_set_feature(c, cam, &c->features[i], d));
-    }
+    struct aravis_mode mode;
+    char text[CAP_DETAIL_MAX];
+    PVX_TRY(aravis_set_trigger(c, cam, d));
+    aravis_mode_first(cam, &mode);
+    PVX_TRY(set_features(c, cam, FEATURE_TRIGGER, d));
+    if (aravis_mode_is(cam, &mode, text, sizeof text))
+        return PVX_OK;
+    if (c->trigger != CAP_TRIGGER_FREE_RUN)
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                        "`features` and the configured trigger disagree: %s; leave one of them out",
+                        text);
+    CAP_LOG(PVX_LOG_WARN, c, "aravis", "trigger",
+            "the capture runs free, but by `features` its %s: it exposes only when it is triggered",
+            text);
+    return PVX_OK;
+}
+
+/* A camera that does not give its payload has frames of the pixels alone. */
+static pvx_err setup_payload(const struct cap_source_config *c, ArvCamera *cam,
+                             struct aravis_layout *l, struct pvx_diag *d)
+{
+    GError *err = NULL;
+    l->payload = cap_pixfmt_image(l->fmt, l->width, l->height);
+    if (!aravis_has(cam, "PayloadSize"))
+        return PVX_OK;
+    size_t payload = arv_camera_get_payload(cam, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EIO, "payload size", &err, d);
+    if (l->payload < payload)
+        l->payload = payload;
     return PVX_OK;
 }
 
@@ -267,21 +354,16 @@ pvx_err aravis_configure(const struct cap_source_config *c, ArvCamera *cam, stru
     /* PTP first: it settles while the rest is set.  Then features, because the rest may need them (a user set, a
      * binning mode). */
     PVX_TRY(aravis_ptp_enable(c, cam, d));
-    PVX_TRY(set_features(c, cam, false, d));
-    PVX_TRY(setup_set_format(c, cam, l, d));
+    PVX_TRY(set_features(c, cam, FEATURE_FIRST, d));
+    PVX_TRY(set_format(c, cam, l, d));
     PVX_TRY(set_region(c, cam, l, d));
-    PVX_TRY(aravis_set_trigger(c, cam, d));
-    PVX_TRY(set_features(c, cam, true, d));
-    PVX_TRY(setup_set_exposure(c, cam, d));
+    PVX_TRY(set_trigger(c, cam, d));
+    PVX_TRY(set_exposure(c, cam, d));
+    PVX_TRY(set_gain(c, cam, d));
     PVX_TRY(aravis_chunks_init(chunks, c, cam, d));
     PVX_TRY(set_packet_size(c, cam, d));
     PVX_TRY(set_packet_delay(c, cam, d));
-    GError *err = NULL;
-    l->payload = arv_camera_get_payload(cam, &err);
-    if (err != NULL)
-        return aravis_fail(c, PVX_EIO, "payload size", &err, d);
-    size_t pixels = cap_pixfmt_image(l->fmt, l->width, l->height);
-    if (l->payload < pixels)
-        l->payload = pixels;
+    PVX_TRY(aravis_features_stay(c, cam, d));
+    PVX_TRY(setup_payload(c, cam, l, d));
     return aravis_ptp_wait(c, cam, d);
 }

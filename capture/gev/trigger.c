@@ -6,21 +6,37 @@
 
 #include "base/log.h"
 #include "capture/gev/err.h"
+#include "capture/gev/feature.h"
 
+/* A camera whose rate cannot be set gives frames at its own rate. */
 static pvx_err set_frame_rate(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
+    static const char *const names[] = {"AcquisitionFrameRate", "AcquisitionFrameRateAbs", "FPS"};
     GError *err = NULL;
+    bool can = false;
     if (c->fps <= 0)
         return PVX_OK;
-    arv_camera_set_frame_rate(cam, c->fps, &err);
-    g_clear_error(&err);
+    arv_camera_set_frame_rate(cam, c->fps, NULL);
     double min = 0, max = 0, got = arv_camera_get_frame_rate(cam, &err);
-    if (err != NULL)
+    if (err != NULL && aravis_means_gone(err))
         return aravis_fail(c, PVX_EIO, "frame rate", &err, d);
-    if (fabs(got - c->fps) <= 0.01 * c->fps)
+    if (err == NULL && fabs(got - c->fps) <= 0.01 * c->fps)
         return PVX_OK;
-    arv_camera_get_frame_rate_bounds(cam, &min, &max, NULL);
-    return aravis_refused(c, d, "frame rate", c->fps, got, min, max);
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+        can = can || aravis_can_set(cam, names[i]);
+    if (err == NULL && can) {
+        arv_camera_get_frame_rate_bounds(cam, &min, &max, NULL);
+        return aravis_refused(c, d, "frame rate", c->fps, got, min, max);
+    }
+    char is[32] = "";
+    if (err == NULL)
+        snprintf(is, sizeof is, " of %g Hz", got);
+    CAP_LOG(PVX_LOG_WARN, c, "aravis", names[0],
+            "the camera has no %s that can be set%s: its frames come at its own rate%s, whatever "
+            "fps: %g says",
+            names[0], aravis_near(cam, names[0]).text, is, c->fps);
+    g_clear_error(&err);
+    return PVX_OK;
 }
 
 static bool offers(const char *const *list, guint n, const char *what)
@@ -82,6 +98,8 @@ static pvx_err set_key(const struct cap_source_config *c, ArvCamera *cam, const 
                        uint32_t value, struct pvx_diag *d)
 {
     GError *err = NULL;
+    if (!aravis_has(cam, feature))
+        return aravis_lacks(c, cam, "cannot be triggered by action commands", feature, d);
     arv_camera_set_integer(cam, feature, value, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EINVAL, feature, &err, d);
@@ -125,20 +143,38 @@ static pvx_err set_action(const struct cap_source_config *c, ArvCamera *cam,
     return trigger_wait_for(c, cam, source, d);
 }
 
+/* Every trigger that the camera has is off, and that of frames stays selected. */
+static pvx_err triggers_off(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
+{
+    guint n = 0;
+    bool some = false;
+    pvx_err e = PVX_OK;
+    const char **list = aravis_has(cam, "TriggerSelector")
+                            ? arv_camera_dup_available_triggers(cam, &n, NULL)
+                            : NULL;
+    for (guint i = 0; i < n && e == PVX_OK; i++) {
+        arv_camera_set_string(cam, "TriggerSelector", list[i], NULL);
+        some = some || aravis_has(cam, "TriggerMode");
+        if (aravis_has(cam, "TriggerMode")) /* not every trigger has one */
+            e = aravis_choose(c, cam, "TriggerMode", "Off", d);
+    }
+    g_free(list);
+    return e != PVX_OK || some ? e : aravis_choose(c, cam, "TriggerMode", "Off", d);
+}
+
 pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
-    GError *err = NULL;
-    arv_camera_set_acquisition_mode(cam, ARV_ACQUISITION_MODE_CONTINUOUS, &err);
-    if (err != NULL)
-        return aravis_fail(c, PVX_EINVAL, "continuous acquisition", &err, d);
+    PVX_TRY(aravis_choose(c, cam, "AcquisitionMode", "Continuous", d));
     if (c->trigger == CAP_TRIGGER_FREE_RUN) {
-        arv_camera_clear_triggers(cam, &err);
-        if (err != NULL)
-            return aravis_fail(c, PVX_EINVAL, "free run", &err, d);
+        PVX_TRY(triggers_off(c, cam, d));
         return set_frame_rate(c, cam, d);
     }
+    static const char *const needs[] = {"TriggerMode", "TriggerSource", "TriggerSoftware"};
+    for (size_t i = 0; i < (c->trigger == CAP_TRIGGER_SOFTWARE ? 3 : 2); i++)
+        if (arv_device_get_feature(arv_camera_get_device(cam), needs[i]) == NULL)
+            return aravis_lacks(c, cam, "cannot be triggered", needs[i], d);
     const char *line = c->trigger_line != NULL ? c->trigger_line : "Line1";
-    if (arv_camera_is_feature_available(cam, "TriggerSelector", NULL)) /* sources depend on it */
+    if (aravis_has(cam, "TriggerSelector")) /* sources depend on it */
         arv_camera_set_string(cam, "TriggerSelector", "FrameStart", NULL);
     guint n = 0;
     const char **list = arv_camera_dup_available_trigger_sources(cam, &n, NULL);

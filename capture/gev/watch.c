@@ -13,6 +13,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "capture/gev/err.h"
+#include "capture/gev/feature.h"
 #include "capture/gev/gev.h"
 #include "capture/gev/ptp.h"
 #include "capture/gev/ticks.h"
@@ -76,8 +77,10 @@ static void look_at_device(struct aravis_source *s, struct cap_health *h)
     struct aravis_ptp ptp;
     h->temperature_c = h->link_mbps = NAN;
     pthread_mutex_lock(&s->device);
-    if (arv_camera_is_feature_available(s->camera, "DeviceTemperature", NULL)) {
-        h->temperature_c = arv_camera_get_float(s->camera, "DeviceTemperature", &err);
+    const char *temperature =
+        aravis_has(s->camera, "DeviceTemperature") ? "DeviceTemperature" : "TemperatureAbs";
+    if (aravis_has(s->camera, temperature)) {
+        h->temperature_c = arv_camera_get_float(s->camera, temperature, &err);
         if (err != NULL)
             h->temperature_c = NAN;
         g_clear_error(&err);
