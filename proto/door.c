@@ -8,6 +8,7 @@
 #include <zmq.h>
 
 #include "base/mem.h"
+#include "proto/attach.h"
 
 #define BROKEN_OFF 3 /* failed handshakes in a row: not just a daemon that is ending */
 #define FAILED                                                                    \
@@ -112,7 +113,7 @@ static void try_without_key(pvp_door *p, const char *endpoint)
     p->keyless = zmq_socket(p->zmq, type);
     if (p->keyless == NULL || zmq_setsockopt(p->keyless, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
         pvp_door_new(p->zmq, p->keyless, &p->keyless_door) != PVX_OK ||
-        zmq_connect(p->keyless, endpoint) != 0)
+        pvp_connect(p->keyless, endpoint) != 0)
         stop_trying(p); /* tried again later */
 }
 

@@ -10,7 +10,6 @@
 #include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
-#include <zmq.h>
 
 struct pvp_ipc_claim {
     int fd;
@@ -114,32 +113,4 @@ void pvp_ipc_claim_free(pvp_ipc_claim **c)
     close((*c)->fd);
     free(*c);
     *c = NULL;
-}
-
-pvx_err pvp_bind_fail(const char *endpoint, int en, struct pvx_diag *d)
-{
-    switch (en) {
-    case EADDRINUSE:
-        return pvx_fail(d, PVX_EBUSY,
-                        "%s: in use by another program (`ss -ltnp` shows which); stop it or "
-                        "configure another endpoint",
-                        endpoint);
-    case EADDRNOTAVAIL:
-    case ENODEV:
-        return pvx_fail(d, PVX_EINVAL,
-                        "%s: no network interface of this machine has that address; `ip address` "
-                        "lists them",
-                        endpoint);
-    case EINVAL:
-    case EPROTONOSUPPORT:
-    case ENOCOMPATPROTO:
-    case ENAMETOOLONG:
-        return pvx_fail(d, PVX_EINVAL,
-                        "%s: not an endpoint; write ipc:///run/pyrovox/volumes or "
-                        "tcp://127.0.0.1:5555",
-                        endpoint);
-    default:
-        return pvx_fail(d, pvx_err_from_errno(en), "%s: cannot listen: %s", endpoint,
-                        zmq_strerror(en));
-    }
 }

@@ -17,7 +17,4 @@ PVX_MUST_CHECK pvx_err pvp_ipc_claim_new(const char *endpoint, pvp_ipc_claim **o
                                          struct pvx_diag *d);
 /* After the socket is closed: removes the socket's file and the lock. */
 void pvp_ipc_claim_free(pvp_ipc_claim **c);
-
-/* Fills d with the cause of a failed zmq_bind(endpoint), errno `en`, and a remedy; returns the error. */
-pvx_err pvp_bind_fail(const char *endpoint, int en, struct pvx_diag *d);
 #endif

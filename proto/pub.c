@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "proto/attach.h"
 #include "proto/door.h"
 #include "proto/fields.h"
 #include "proto/ipc.h"
@@ -150,8 +151,7 @@ static pvx_err open_outlet(struct pvp_pub *p, struct outlet *o, struct pvx_diag 
     if (e != PVX_OK)
         return pvx_fail(d, e, "ZeroMQ: %s", zmq_strerror(errno));
     for (size_t i = 0; i < o->n; i++)
-        if (zmq_bind(o->socket, o->endpoint[i]) != 0)
-            return pvp_bind_fail(o->endpoint[i], errno, d);
+        PVX_TRY(pvp_bind(o->socket, o->endpoint[i], d));
     return PVX_OK;
 }
 

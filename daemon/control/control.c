@@ -14,6 +14,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "proto/attach.h"
 #include "proto/door.h"
 #include "proto/ipc.h"
 
@@ -107,9 +108,7 @@ static pvx_err bind_socket(dmn_control *c, struct pvx_diag *d)
     int fd = c->given >= 0 ? fcntl(c->given, F_DUPFD_CLOEXEC, 0) : -1;
     if (fd >= 0)
         zmq_setsockopt(c->socket, ZMQ_USE_FD, &fd, sizeof fd);
-    if (zmq_bind(c->socket, c->endpoint) != 0)
-        return pvp_bind_fail(c->endpoint, errno, d);
-    return PVX_OK;
+    return pvp_bind(c->socket, c->endpoint, d);
 }
 
 static void close_socket(dmn_control *c)

@@ -61,7 +61,9 @@ pvx_err view_gate_address(const char *text, struct sockaddr_storage *out, sockle
 {
     struct authority a;
     char whole[300];
-    snprintf(whole, sizeof whole, "%s%.280s", gate_digits(text, 5) ? "127.0.0.1:" : "", text);
+    bool local = strncmp(text, "localhost:", 10) == 0;
+    snprintf(whole, sizeof whole, "%s%.280s", local || gate_digits(text, 5) ? "127.0.0.1:" : "",
+             local ? text + 10 : text);
     unsigned port = 0;
     if (!gate_split(whole, &a) || a.port[0] == '\0' || !address(&a, out) ||
         sscanf(a.port, "%u", &port) != 1 || port > 65535)

@@ -23,7 +23,7 @@ struct view_gate {
     char token[VIEW_TOKEN_DIGITS + 1];
 };
 
-/* Parses ADDRESS:PORT or [ADDRESS]:PORT; no name is looked up.  A port alone means 127.0.0.1. */
+/* Parses ADDRESS:PORT or [ADDRESS]:PORT; no name is looked up.  A port alone, or localhost, means 127.0.0.1. */
 PVX_MUST_CHECK pvx_err view_gate_address(const char *text, struct sockaddr_storage *out,
                                          socklen_t *len, struct pvx_diag *d);
 /* Checks a name or an address (IPv6 in brackets) by which a page is reached; it has no port. */

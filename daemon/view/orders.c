@@ -9,6 +9,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "proto/attach.h"
 #include "proto/auth.h"
 #include "proto/door.h"
 
@@ -84,7 +85,7 @@ pvx_err view_orders_new(const char *endpoint, const char *key, view_orders **out
         zmq_setsockopt(o->socket, ZMQ_REQ_CORRELATE, &one, sizeof one);
         zmq_setsockopt(o->socket, ZMQ_IMMEDIATE, &one, sizeof one);
         zmq_setsockopt(o->socket, ZMQ_LINGER, &zero, sizeof zero);
-        if (zmq_connect(o->socket, endpoint) != 0)
+        if (pvp_connect(o->socket, endpoint) != 0)
             e = pvx_fail(d, PVX_EINVAL, "--control %s: %s", endpoint, zmq_strerror(errno));
     }
     if (e != PVX_OK)

@@ -9,7 +9,7 @@
                 m["dense"]      # float32 [nz][ny][nx][channels]
         print(sub.lost)         # messages that did not reach us
 """
-import argparse, ctypes, ctypes.util, functools, json, os, struct, sys, time
+import argparse, ctypes, ctypes.util, functools, json, os, socket as sockets, struct, sys, time
 import numpy as np
 try:
     import zmq
@@ -254,6 +254,17 @@ def use_key(socket, path):
         raise ValueError(f"{path}: has no {e.args[0]} key; make it with pyrovox keygen --server") from None
 
 
+def attach(socket, endpoint):
+    """Connect.  libzmq prefers IPv6 where it is told to know it: only for [ADDRESS] and a name without an IPv4 address."""
+    host = endpoint[len("tcp://"):].rpartition(":")[0] if endpoint.startswith("tcp://") else ""
+    try:
+        families = {f for f, *_ in sockets.getaddrinfo(host.strip("[]"), None)} if host else set()
+    except OSError:  # not known, perhaps later
+        families = set()
+    socket.setsockopt(zmq.IPV6, int(":" in host or families == {sockets.AF_INET6}))
+    socket.connect(endpoint)
+
+
 class Door:
     """Says why we are not let in: libzmq would try again for ever in silence, or not at all.
 
@@ -295,7 +306,7 @@ class Door:
         """What became of the second connection: 0 while nothing did."""
         if not self.keyless:
             self.keyless = Door(zmq.Context.instance().socket(self.socket.getsockopt(zmq.TYPE)), self.endpoint)
-            self.keyless.socket.connect(self.endpoint)
+            attach(self.keyless.socket, self.endpoint)
         return self.keyless.event()[0] if self.broken >= BROKEN_OFF else 0
 
     def look(self):
@@ -345,7 +356,7 @@ class Subscriber:
         if key:
             use_key(self.socket, key)
         self.door = Door(self.socket, endpoint, key)
-        self.socket.connect(endpoint)
+        attach(self.socket, endpoint)
         self.endpoint = endpoint
         self.poller = zmq.Poller()
         self.poller.register(self.socket, zmq.POLLIN)

@@ -7,6 +7,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "proto/attach.h"
 #include "proto/auth.h"
 #include "proto/door.h"
 #include "proto/fields.h"
@@ -54,7 +55,7 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, const cha
     if (s->endpoint == NULL)
         return PVX_ENOMEM;
     PVX_TRY(pvp_door_new(s->ctx, s->socket, &s->door));
-    if (zmq_connect(s->socket, endpoint) != 0)
+    if (pvp_connect(s->socket, endpoint) != 0)
         return pvx_fail(d, PVX_EINVAL,
                         "%s: not an endpoint (%s); write ipc:///run/pyrovox/volumes or "
                         "tcp://HOST:5555",

@@ -93,4 +93,37 @@ start heard.log listen
 check drops-are-told wait_for heard "^event .*'kind': 'drops', 'sets': [1-9]"
 kill -TERM "$daemon"
 check b-ends ended "$daemon" 0
+
+# the same by TCP, with an address of IPv6 and with localhost
+start ports.log "$py" -c 'import socket, time
+held = [socket.socket() for _ in range(3)]
+for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
+print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)'
+wait_for test -s "$dir/ports.log"
+read -r port control_port more_port < "$dir/ports.log"
+reads() { # host
+    run "$pyrovox" record --endpoint "$volumes" --volumes 2 --quiet --out "$dir/by-$1"; says 0 || return 1
+    run "$pyrovox" record --endpoint "tcp://$1:$more_port" --volumes 2 --quiet --out "$dir/all-$1"; says 0 || return 1
+    run "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 2 --timeout "$patience"; says 0 '2 volumes' || return 1
+    start page.log "$pyrovox" view --endpoint "$volumes" --control="$control" --listen "$1:0"
+    wait_for grep -q '#' "$dir/page.log" || return 1
+    "$py" -c 'import sys, urllib.request; urllib.request.urlopen(sys.argv[1])' "$(grep -om 1 'http://[^/]*/' "$dir/page.log")" || return 1
+    kill -INT "$started"; ended "$started" 130
+}
+reaches() { # host
+    local volumes=tcp://$1:$port control=tcp://$1:$control_port r
+    { echo "{rig: $PWD/tests/data/rig4.yaml, cameras: \"sim:\", fps: 20, insecure: true,"
+      echo "publish: {endpoints: [\"$volumes\", \"tcp://*:$more_port\"]}, control: {endpoint: \"$control\"}}"; } > "$dir/tcp.yaml"
+    start tcp.log "$pyrovoxd" --config "$dir/tcp.yaml"
+    local daemon=$started
+    wait_for published 2 && reads "$1"; r=$?
+    kill -TERM "$daemon"; ended "$daemon" 0 && [ $r = 0 ]
+}
+check localhost reaches localhost
+if "$py" -c 'import socket; socket.socket(socket.AF_INET6).bind(("::1", 0))' 2> /dev/null; then
+    check ipv6 reaches '[::1]'
+    check ipv6-in-the-page grep -q 'http://\[::1\]:' "$dir/page.log"
+else
+    echo "SKIP $name:ipv6 (this host has no ::1)"
+fi
 exit $rc

@@ -108,6 +108,8 @@ T_CASE(who_is_let_in)
         {"tcp://*:5555", DMN_REACH_NET},
         {"tcp://0.0.0.0:5555", DMN_REACH_NET},
         {"tcp://[::]:5555", DMN_REACH_NET},
+        {"tcp://[::1%lo]:5555", DMN_REACH_NET},
+        {"tcp://[2001:db8::1]:5555", DMN_REACH_NET},
         {"tcp://[::ffff:10.0.0.1]:5555", DMN_REACH_NET},
         {"tcp://192.168.1.7:5555", DMN_REACH_NET},
         {"tcp://eth0:5555", DMN_REACH_NET},

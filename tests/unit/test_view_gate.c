@@ -28,6 +28,7 @@ T_CASE(hosts)
         {"localhost:1", "127.0.0.1:8737", true},
         {"LocalHost", "[::1]:8737", true},
         {"[::1]:8737", "[::1]:8737", true},
+        {"127.0.0.1:8737", "localhost:8737", true},
         {"[::ffff:127.0.0.1]:8737", "127.0.0.1:8737", true},
         {"lab.example:8737", "192.0.2.7:8737", true},
         {"LAB.example", "192.0.2.7:8737", true},
@@ -114,7 +115,7 @@ T_CASE(addresses)
     a = here("[::]:1");
     T_OK(!view_gate_loopback(&a));
     const char *const bad[] = {"",           "x:1",    "127.0.0.1",   "127.0.0.1:65536", "1.2.3:4",
-                               "[::1]",      "::1:80", "localhost:1", "127.0.0.1:-1",    "99999",
+                               "[::1]",      "::1:80", "localhost", "127.0.0.1:-1",    "99999",
                                "1.2.3.4:1:1"};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         struct pvx_diag d = {""};

@@ -8,6 +8,7 @@
 
 #include "base/clock.h"
 #include "daemon/control/commands.h"
+#include "proto/attach.h"
 #include "proto/auth.h"
 #include "proto/door.h"
 
@@ -56,7 +57,7 @@ static pvx_err ask_reach(void *socket, const char *endpoint, const char *key, in
     zmq_setsockopt(socket, ZMQ_SNDTIMEO, &timeout_ms, sizeof timeout_ms);
     if (key != NULL)
         PVX_TRY(pvp_auth_client(socket, key, d));
-    if (zmq_connect(socket, endpoint) != 0)
+    if (pvp_connect(socket, endpoint) != 0)
         return pvx_fail(d, PVX_EINVAL, "%s: %s", endpoint, zmq_strerror(errno));
     return PVX_OK;
 }
