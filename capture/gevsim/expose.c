@@ -119,7 +119,7 @@ static void expose_frame(struct cap_gvcam *c, int64_t moment, int64_t index, int
 static void expose_tick(struct cap_gvcam *c, int64_t t, double rate, int64_t now)
 {
     double ring = c->c.ring_fps;
-    if (rate > ring * 1.001) { /* faster than the ring: images more than once */
+    if (rate != ring) { /* not the ring's own instants */
         expose_frame(c, t, cap_gvcam_index(t, ring), now);
         return;
     }

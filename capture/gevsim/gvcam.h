@@ -8,8 +8,8 @@
  *
  * What a frame shows (all cameras of a host show the same instant):
  *     free run    Frames are exposed at multiples T of the frame period (host CLOCK_REALTIME), with image
- *                 i = floor(T ring_fps) of the ring.  The stamp is that image's own instant i/ring_fps, so it is
- *                 exact for the scene.  A camera set faster than the ring shows images more than once, stamped T.
+ *                 i = floor(T ring_fps) of the ring.  At the ring's rate the stamp is that image's own instant
+ *                 i/ring_fps, so it is exact for the scene.  At any other rate it is T.
  *     triggered   The image of the instant of the trigger, stamped with that instant: the edge of the line, the
  *                 arrival of the command, or the time that an action was scheduled for.
  * cap_gvcam_index gives the image for a stamp in both cases.

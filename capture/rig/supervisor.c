@@ -181,8 +181,9 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
         cam->count[CAP_NO_TRIGGER]++;
     }
     if (now - (there ? w->answered_ns : w->any.at_ns) > quiet) {
-        snprintf(why, size, "no frame for %.1f s; look at its cable, power and trigger",
-                 (double)quiet * 1e-9);
+        snprintf(why, size, "no frame for %.1f s; look at its cable and power%s",
+                 (double)quiet * 1e-9,
+                 cam->cfg.trigger != CAP_TRIGGER_FREE_RUN ? ", and at its trigger" : "");
         return true;
     }
     if (delivers && now - w->good.at_ns > cam->quiet_ns) {

@@ -29,8 +29,9 @@ const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
                   "its pictures may belong to the instant before or after: if it happens again, "
                   "look for bouncing triggers, and restart the camera"},
     [CAP_MISSED_TRIGGER] =
-        {"it misses triggers",
-         "exposure and readout must end before the next trigger; look at its trigger line"},
+        {"it misses exposures",
+         "exposure and readout must end before the next exposure begins; if a line triggers it, "
+         "look at that line"},
     [CAP_TRIGGER_MODE] = {"its trigger mode is not the one that was set",
                           "look for what else changes the camera: another program, a user set, a "
                           "button; `trigger` says what it should wait for"},

@@ -386,6 +386,30 @@ T_CASE(part_of_the_sensor)
     g_object_unref(cam);
 }
 
+/* The images come 25 times a second, and the camera takes 15: its frames are 1/15 s apart. */
+T_CASE(a_camera_slower_than_its_images)
+{
+    ArvCamera *cam = bed_rgb(1, 9000);
+    if (cam == NULL)
+        return;
+    BED(arv_camera_set_frame_rate(cam, 15, &e));
+    ArvStream *s = bed_start(cam, 8, false);
+    int64_t last = 0;
+    for (int k = 0; k < 6; k++) {
+        ArvBuffer *b = bed_next(s, NULL);
+        if (b == NULL)
+            break;
+        int64_t stamp = (int64_t)arv_buffer_get_timestamp(b);
+        T_OK(memcmp(arv_buffer_get_image_data(b, NULL), bed_truth(1, stamp), BED_BYTES) == 0);
+        if (last != 0)
+            T_LE(llabs((stamp - last + 1) % 66666667 - 1), 2); /* one or more, rounded */
+        last = stamp;
+        arv_stream_push_buffer(s, b);
+    }
+    bed_stop(cam, &s);
+    g_object_unref(cam);
+}
+
 T_CASE(features_are_set_and_read)
 {
     struct cap_gvcam_config config = bed_config(0);

@@ -153,7 +153,7 @@ def line():
     s = status()
     check("and in two cameras", count(s, 1, "ptp_masters") == count(s, 2, "ptp_masters") == 0 and count(s, 0, "ptp_masters") > 0 < count(s, 3, "ptp_masters"))
     calm("trigger_mode", "ptp_masters", "missed_trigger")
-    told("cam2", "it misses triggers")
+    told("cam2", "it misses exposures")
     told("cam1", "its trigger mode is not the one that was set: TriggerMode is Off instead of On; it was set again")
     over("its trigger mode is not the one")
     told(None, "2 cameras are PTP masters at once"); over("several cameras are PTP masters at once")

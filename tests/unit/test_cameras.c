@@ -161,7 +161,7 @@ T_CASE(troubles_of_capture)
     t.camera[1].stats.n_troubles = 1;
     t.camera[1].stats.trouble[0] =
         (struct cap_trouble){.cause = CAP_MISSED_TRIGGER, .n = 3, .detail = "3 of 100"};
-    expect(1, CAMTEST_WARN, "misses triggers: 3 of 100", "exposure and readout");
+    expect(1, CAMTEST_WARN, "misses exposures: 3 of 100", "exposure and readout");
     t.camera[1].stats.trouble[0].cause = CAP_INCOMPLETE; /* told by its count */
     expect(1, CAMTEST_OK, "", "");
 }
