@@ -251,9 +251,18 @@ int set_controls(cap_lc_camera &c, const cap_lc_config &cfg, cap_lc_layout &layo
         PVX_TRY(static_cast<pvx_err>(set_number(c, "ExposureTime", cfg.exposure_us, why)));
     if (cfg.gain >= 0)
         PVX_TRY(static_cast<pvx_err>(set_number(c, "AnalogueGain", cfg.gain, why)));
-    for (size_t i = 0; i < cfg.n_controls; i++)
-        PVX_TRY(
-            static_cast<pvx_err>(set_control(c, cfg.control[i].name, cfg.control[i].value, why)));
+    const ControlList ours = c.controls;
+    for (size_t i = 0; i < cfg.n_controls; i++) {
+        const cap_lc_control &k = cfg.control[i];
+        PVX_TRY(static_cast<pvx_err>(set_control(c, k.name, k.value, why)));
+        for (const auto &[id, value] : ours)
+            if (c.controls.get(id) != value) {
+                why = "fps, exposure_us or gain sets " + std::string(k.name) + " to " +
+                      value.toString() + ", and `features: " + k.name + ": " + k.value +
+                      "` disagrees; leave one of them out";
+                return PVX_EINVAL;
+            }
+    }
     return PVX_OK;
 }
 

@@ -335,17 +335,6 @@ static pvx_err set_gain(const struct cap_source_config *c, const struct v4l_devi
     return CAP_FAIL(c, "v4l2", d, PVX_EINVAL, "gain = %g refused: no such control", c->gain);
 }
 
-pvx_err v4l_set_controls(const struct cap_source_config *c, const struct v4l_device *dev,
-                         struct pvx_diag *d)
-{
-    PVX_TRY(controls_set_exposure(c, dev, d));
-    PVX_TRY(set_gain(c, dev, d));
-    for (size_t i = 0; i < c->n_features;
-         i++) /* in the given order: for example an automatic mode off, then its value */
-        PVX_TRY(controls_set_feature(c, dev, &c->features[i], d));
-    return PVX_OK;
-}
-
 static bool controls_value_of(const struct v4l_device *dev, uint32_t id, int32_t *out)
 {
     control q;
@@ -374,4 +363,31 @@ double v4l_fixed_gain(const struct v4l_device *dev)
         controls_value_of(dev, V4L2_CID_ANALOGUE_GAIN, &value))
         return value;
     return NAN;
+}
+
+/* Whether exposure or gain is no longer what it was; `was` NAN = it was automatic or is not known. */
+static bool controls_changed(double was, double is)
+{
+    return !isnan(was) && !(is == was);
+}
+
+pvx_err v4l_set_controls(const struct cap_source_config *c, const struct v4l_device *dev,
+                         struct pvx_diag *d)
+{
+    PVX_TRY(controls_set_exposure(c, dev, d));
+    PVX_TRY(set_gain(c, dev, d));
+    double exposure = c->exposure_us >= 0 ? v4l_fixed_exposure_us(dev) : NAN;
+    double gain = c->gain >= 0 ? v4l_fixed_gain(dev) : NAN;
+    for (size_t i = 0; i < c->n_features; i++) {
+        /* in the given order: for example an automatic mode off, then its value */
+        const struct cap_feature *f = &c->features[i];
+        PVX_TRY(controls_set_feature(c, dev, f, d));
+        bool exposed = controls_changed(exposure, v4l_fixed_exposure_us(dev));
+        if (exposed || controls_changed(gain, v4l_fixed_gain(dev)))
+            return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
+                            "%s: %g and `features: %s: %s` disagree; leave one of them out",
+                            exposed ? "exposure_us" : "gain", exposed ? c->exposure_us : c->gain,
+                            f->name, f->value);
+    }
+    return PVX_OK;
 }

@@ -323,6 +323,20 @@ T_CASE(exposure_and_gain)
     T_EQ_I(cam.exposure_auto, V4L2_EXPOSURE_APERTURE_PRIORITY);
     FEATURES(&c, {"power_line_frequency", "1"});
     REFUSED(&c, PVX_EINVAL, "disabled");
+    cam.control_keeps = -1;
+    c.exposure_us = 10000;
+    c.gain = 20;
+    FEATURES(&c, {"exposure_time_absolute", "77"});
+    REFUSED(&c, PVX_EINVAL,
+            "exposure_us: 10000 and `features: exposure_time_absolute: 77` disagree");
+    FEATURES(&c, {"auto_exposure", "aperture priority mode"});
+    REFUSED(&c, PVX_EINVAL, "exposure_us: 10000 and `features: auto_exposure: aperture prio");
+    FEATURES(&c, {"gain", "40"});
+    REFUSED(&c, PVX_EINVAL, "gain: 20 and `features: gain: 40` disagree; leave one of them out");
+    FEATURES(&c, {"exposure_time_absolute", "100"}, {"gain", "20"}); /* as the keys say */
+    s = opened(&c);
+    T_OK(s != NULL);
+    ended(s);
     mock_unplug(&cam);
 }
 
