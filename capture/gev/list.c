@@ -44,9 +44,12 @@ static void describe_formats(ArvCamera *cam, char *out, size_t size)
         char line[96];
         if (fmt == CAP_FMT_NONE)
             continue;
-        snprintf(line, sizeof line, "%s%s %dx%d", out[0] != '\0' ? "\n" : "", cap_pixfmt_name(fmt),
-                 w, h);
+        snprintf(line, sizeof line, "%s%s", out[0] != '\0' ? "\n" : "", cap_pixfmt_name(fmt));
         list_add(out, size, line);
+        if (w > 0 && h > 0) { /* a camera may not give its sensor's size */
+            snprintf(line, sizeof line, " %dx%d", w, h);
+            list_add(out, size, line);
+        }
         if (max <= 0)
             continue;
         snprintf(line, sizeof line, " %.4g to %.4g Hz", min, max);

@@ -64,20 +64,23 @@ static bool metrics_is_loopback(const struct sockaddr *a)
     return ntohl(((const struct sockaddr_in *)(const void *)a)->sin_addr.s_addr) >> 24 == 127;
 }
 
-/* ADDRESS:PORT, [ADDRESS]:PORT; no name is looked up. */
+/* ADDRESS:PORT, [ADDRESS]:PORT; localhost is 127.0.0.1, and no other name is looked up. */
 static pvx_err resolve(const char *endpoint, struct addrinfo **out, struct pvx_diag *d)
 {
     char host[DMN_WORD_MAX];
     const struct addrinfo want = {.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV,
                                   .ai_socktype = SOCK_STREAM};
     snprintf(host, sizeof host, "%s", endpoint);
-    char *port = strrchr(host, ':'), *at = host;
+    char *port = strrchr(host, ':');
+    const char *at = host;
     if (port != NULL && port > host) {
         *port++ = '\0';
         if (*at == '[' && port[-2] == ']') {
             port[-2] = '\0';
             at++;
         }
+        if (strcmp(at, "localhost") == 0)
+            at = "127.0.0.1";
         if (*port != '\0' && getaddrinfo(at, port, &want, out) == 0)
             return PVX_OK;
     }

@@ -96,24 +96,25 @@ check b-ends ended "$daemon" 0
 
 # the same by TCP, with an address of IPv6 and with localhost
 start ports.log "$py" -c 'import socket, time
-held = [socket.socket() for _ in range(3)]
+held = [socket.socket() for _ in range(4)]
 for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
 print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)'
 wait_for test -s "$dir/ports.log"
-read -r port control_port more_port < "$dir/ports.log"
+read -r port control_port more_port metrics_port < "$dir/ports.log"
 reads() { # host
     run "$pyrovox" record --endpoint "$volumes" --volumes 2 --quiet --out "$dir/by-$1"; says 0 || return 1
     run "$pyrovox" record --endpoint "tcp://$1:$more_port" --volumes 2 --quiet --out "$dir/all-$1"; says 0 || return 1
     run "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 2 --timeout "$patience"; says 0 '2 volumes' || return 1
     start page.log "$pyrovox" view --endpoint "$volumes" --control="$control" --listen "$1:0"
     wait_for grep -q '#' "$dir/page.log" || return 1
-    "$py" -c 'import sys, urllib.request; urllib.request.urlopen(sys.argv[1])' "$(grep -om 1 'http://[^/]*/' "$dir/page.log")" || return 1
+    "$py" -c 'import sys, urllib.request
+for url in sys.argv[1:]: urllib.request.urlopen(url)' "$(grep -om 1 'http://[^/]*/' "$dir/page.log")" "http://$1:$metrics_port/metrics" || return 1
     kill -INT "$started"; ended "$started" 130
 }
 reaches() { # host
     local volumes=tcp://$1:$port control=tcp://$1:$control_port r
     { echo "{rig: $PWD/tests/data/rig4.yaml, cameras: \"sim:\", fps: 20, insecure: true,"
-      echo "publish: {endpoints: [\"$volumes\", \"tcp://*:$more_port\"]}, control: {endpoint: \"$control\"}}"; } > "$dir/tcp.yaml"
+      echo "publish: {endpoints: [\"$volumes\", \"tcp://*:$more_port\"]}, control: {endpoint: \"$control\"}, metrics: {endpoint: \"$1:$metrics_port\"}}"; } > "$dir/tcp.yaml"
     start tcp.log "$pyrovoxd" --config "$dir/tcp.yaml"
     local daemon=$started
     wait_for published 2 && reads "$1"; r=$?
