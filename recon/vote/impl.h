@@ -9,7 +9,7 @@ struct rec_trial {
     uint32_t iterations;
     float *x, *y, *step, *scale;    /* [voxels] */
     float *w, *r, *wr;              /* [room] weights, A x - b, W r */
-    float *rows;                    /* [3][widest] */
+    float *rows;                    /* [tallest][widest] */
     double misfit[REC_MAX_CAMERAS]; /* of every camera, also of those left out */
 };
 
@@ -18,13 +18,16 @@ struct rec_vote {
     int shift;                   /* a bin of `level` is 2^shift bins of S wide */
     pvx_pool *pool;
     size_t cameras, voxels, room, widest; /* widest: bins of the widest picture */
+    size_t tallest;                       /* rows of pictures that K needs at a time */
     uint32_t hold;
     struct rec_subsys *sub;
-    float *length[REC_MAX_CAMERAS]; /* [voxels] A_c' A_c 1 over the measured bins of c */
-    float *chord;                   /* [room] length of the ray in the grid */
-    double weigh[REC_MAX_CAMERAS];  /* m_c */
-    struct rec_trial *trial;        /* [cameras + 1] */
-    float *areas;                   /* of the trials, one piece */
+    float *length[REC_MAX_CAMERAS];   /* [voxels] A_c' A_c 1 over the measured bins of c */
+    float *chord;                     /* [room] length of the ray in the grid */
+    double weigh[REC_MAX_CAMERAS];    /* m_c */
+    int32_t blur[REC_MAX_CAMERAS][2]; /* s of K, along x and y of the picture */
+    double after_k[REC_MAX_CAMERAS];  /* share of the noise power that K leaves */
+    struct rec_trial *trial;          /* [cameras + 1] */
+    float *areas;                     /* of the trials, one piece */
     size_t bytes;
 
     /* state of one frame set */
@@ -58,9 +61,6 @@ struct rec_vote {
     double usual;              /* R of the cameras believed then, over P */
     enum rec_vote_state state; /* state then */
 };
-
-/* Share of the noise power that K leaves: (1 + 4 + 1)^2 / 16^2. */
-#define REC_VOTE_AFTER_K (36.0 / 256)
 
 /* The constant of (3) of vote.h: every camera may cost this much. */
 #define REC_VOTE_ALONE 0.03

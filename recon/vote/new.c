@@ -1,10 +1,13 @@
 /* new.c - the data of the vote that depends on the rig alone, computed once. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/median.h"
 #include "base/mem.h"
 #include "recon/vote/impl.h"
+
+#define MOST 32 /* bins */
 
 /* Number of floats, rounded up to whole cache lines. */
 static size_t padded(size_t n)
@@ -15,7 +18,7 @@ static size_t padded(size_t n)
 
 static bool new_trials(rec_vote *v)
 {
-    size_t n = padded(v->voxels), room = padded(v->room), rows = padded(3 * v->widest);
+    size_t n = padded(v->voxels), room = padded(v->room), rows = padded(v->tallest * v->widest);
     v->trial = pvx_calloc(v->cameras + 1, sizeof *v->trial);
     v->bytes = ((v->cameras + 1) * (4 * n + 3 * room + rows) + v->cameras * n) * sizeof *v->areas;
     v->areas = pvx_reserve(v->bytes);
@@ -62,6 +65,33 @@ static bool new_areas(rec_vote *v)
         ok = ok && v->table[c] != NULL;
     }
     return ok;
+}
+
+/* K of each camera: s of vote.h from the mean footprint of a voxel.  The support of a trilinear one is two voxels wide,
+ * and that of 2^k side by side, which are a voxel here, is 2^k + 1.  More than MOST bins cost time and tell no more. */
+static void new_blur(rec_vote *v)
+{
+    const double support = v->level->grid.basis == REC_TRILINEAR ? 1 + ldexp(1, -v->shift) : 1;
+    for (size_t c = 0; c < v->cameras; c++) {
+        double side[2] = {0}, seen = 0;
+        v->after_k[c] = 1;
+        for (size_t i = 0; i < v->voxels; i++) {
+            struct rec_rect r = rec_footprint(v->level, c, (int32_t)i);
+            if (!rec_rect_seen(r))
+                continue;
+            seen++;
+            side[0] += r.x1 - r.x0;
+            side[1] += r.y1 - r.y0;
+        }
+        for (int a = 0; a < 2; a++) {
+            double s = seen > 0 ? 2 * floor(side[a] / (seen * support)) - 2 : 2;
+            s = s < 2 ? 2 : s > MOST ? MOST : s;
+            v->blur[c][a] = (int32_t)s;
+            v->after_k[c] *= (2 * s * s + 1) / (3 * s * s * s); /* sum of its squared weights */
+        }
+        if (2 * (size_t)v->blur[c][1] > v->tallest)
+            v->tallest = 2 * (size_t)v->blur[c][1];
+    }
 }
 
 /* The length of each bin's ray in the grid, and the size of a voxel in each camera's picture. */
@@ -114,6 +144,7 @@ pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool 
     for (size_t c = 0; c < v->cameras; c++)
         if ((size_t)v->level->block[c].bw > v->widest)
             v->widest = (size_t)v->level->block[c].bw;
+    new_blur(v);
     pvx_err e = rec_subsys_new(v->level, k, pool, 1, &v->sub);
     if (e == PVX_OK)
         e = new_areas(v) ? new_look(v) : PVX_ENOMEM;

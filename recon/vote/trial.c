@@ -119,12 +119,16 @@ static void iterate(const rec_vote *v, struct rec_trial *t)
     }
 }
 
-/* Smooths one row of a picture by [1 2 1]/4. */
-static void smooth_row(const float *in, int32_t n, float *out)
+/* out = K_s in, along a row: weights 1 2 .. s .. 2 1 over s^2. */
+static void smooth_row(const float *in, int32_t n, int32_t s, float *out)
 {
+    const float over = 1 / ((float)s * (float)s);
     for (int32_t x = 0; x < n; x++) {
-        float left = x > 0 ? in[x - 1] : 0, right = x + 1 < n ? in[x + 1] : 0;
-        out[x] = 0.25F * (left + 2 * in[x] + right);
+        float sum = 0;
+        int32_t to = x + s < n ? x + s : n;
+        for (int32_t i = x < s ? 0 : x - s + 1; i < to; i++)
+            sum += (float)(s - (i < x ? x - i : i - x)) * in[i];
+        out[x] = over * sum;
     }
 }
 
@@ -134,23 +138,26 @@ static double misfit(const rec_vote *v, struct rec_trial *t, size_t c)
     const struct rec_sysmat_block *b = &v->level->block[c];
     const size_t w = (size_t)b->bw;
     const float *r = t->wr + v->level->row0[c], *use = v->use + v->level->row0[c];
-    float *row[3] = {t->rows, t->rows + v->widest, t->rows + 2 * v->widest};
+    const int32_t s = v->blur[c][1], keep = 2 * s - 1;
+    const float over = 1 / ((float)s * (float)s);
+    float *rows = t->rows + v->widest, *k = t->rows; /* row y is in rows[y % keep] */
     double sum = 0;
-    memset(row[1], 0, w * sizeof *row[1]);
-    smooth_row(r, b->bw, row[2]);
-    for (int32_t y = 0; y < b->bh; y++, use += w) {
-        float *above = row[1], *here = row[2], *below = row[0];
-        if (y + 1 < b->bh)
-            smooth_row(r + (size_t)(y + 1) * w, b->bw, below);
-        else
-            memset(below, 0, w * sizeof *below);
-        for (size_t x = 0; x < w; x++) {
-            double k = 0.25F * (above[x] + 2 * here[x] + below[x]);
-            sum += use[x] * k * k;
+    for (int32_t y = 1 - s; y < b->bh; y++) {
+        int32_t next = y + s - 1;
+        if (next < b->bh)
+            smooth_row(r + (size_t)next * w, b->bw, v->blur[c][0],
+                       rows + (size_t)(next % keep) * v->widest);
+        if (y < 0)
+            continue;
+        memset(k, 0, w * sizeof *k);
+        for (int32_t j = y < s ? 0 : y - s + 1; j <= next && j < b->bh; j++) {
+            const float *row = rows + (size_t)(j % keep) * v->widest;
+            const float weight = (float)(s - (j < y ? y - j : j - y));
+            for (size_t x = 0; x < w; x++)
+                k[x] += weight * row[x];
         }
-        row[0] = above;
-        row[1] = here;
-        row[2] = below;
+        for (size_t x = 0; x < w; x++)
+            sum += use[(size_t)y * w + x] * ((double)(over * k[x]) * (over * k[x]));
     }
     return v->weigh[c] * sum;
 }

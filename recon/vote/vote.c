@@ -94,7 +94,7 @@ static void take_ballot(rec_vote *v, struct ballot *b)
         if (!rec_vote_has(b->voters, c))
             continue;
         double rest = misfit_of(v, &v->trial[b->trial[c]], b->voters & ~bit(c));
-        b->cost[c] = (r - rest - REC_VOTE_AFTER_K * v->of[c].noise) / v->unit;
+        b->cost[c] = (r - rest - v->after_k[c] * v->of[c].noise) / v->unit;
         if (b->cost[c] > top) {
             b->second = top;
             top = b->cost[c];
@@ -110,7 +110,7 @@ static double limit(const rec_vote *v, const struct ballot *b, size_t c)
 {
     double next = c == b->top ? b->second : b->cost[b->top];
     return ALONE + SECOND * (next > 0 ? next : 0) +
-           NOISE * REC_VOTE_AFTER_K * v->of[c].noise / v->unit;
+           NOISE * v->after_k[c] * v->of[c].noise / v->unit;
 }
 static bool stands_out(const rec_vote *v, const struct ballot *b)
 {
@@ -132,9 +132,9 @@ static bool calm(const rec_vote *v, const struct rec_trial *t)
     uint64_t all = vote_believed(v, t->without);
     double least = v->unit;
     for (size_t c = 0; c < v->cameras; c++)
-        if (rec_vote_has(all, c) && v->of[c].noise < least)
-            least = v->of[c].noise;
-    least *= (1 + NOISE) * REC_VOTE_AFTER_K;
+        if (rec_vote_has(all, c) && v->after_k[c] * v->of[c].noise < least)
+            least = v->after_k[c] * v->of[c].noise;
+    least *= 1 + NOISE;
     return misfit_of(v, t, all) <= ALONE * v->unit + least;
 }
 

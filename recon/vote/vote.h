@@ -9,6 +9,8 @@
  * that fits the others, however few they are, because x is free to fit it too.  For a camera that does not fit
  * it is about the light that is in the wrong place.  m_c makes the cameras' magnifications equal.  The low-pass
  * K = [1 2 1]'[1 2 1]/16 suppresses thin sheets, which are finer than this grid; the faults of a camera are not.
+ * Where the picture of a voxel is more than two bins long (voxels longer one way than the others, bins smaller than
+ * voxels), K is [1 2 .. s .. 2 1] / s^2 in that direction of the picture, s = 2 (whole bins - 1).
  * x may be positive only where at least two cameras are lit and at most two are dark (at most one if there are
  * fewer than six cameras).
  *     c is out  when  G(c) > G(k) for all other k  and

@@ -121,6 +121,39 @@ T_CASE(nobody_of_a_healthy_set)
     }
 }
 
+/* Voxels four and eight times longer one way: what they cannot show is no fault of a camera, and faults are found. */
+T_CASE(long_voxels)
+{
+    T_NOT_UNDER_TSAN();
+    static const struct {
+        int32_t n[3];
+        enum flame_kind flame;
+        enum rig_kind rigs;
+        size_t cameras;
+        uint64_t seed;
+    } of[] = {{{24, 24, 6}, FLAME_WALL, WILD, 4, 1031},
+              {{6, 24, 24}, FLAME_WALL, WILD, 4, 1031},
+              {{24, 6, 24}, FLAME_SHEETS, MIXED, 6, 1021},
+              {{24, 3, 24}, FLAME_POOL, EVEN, 8, 7}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct rec_rig rig;
+        struct take t;
+        bench_seed(of[i].seed);
+        (void)bench_even();
+        random_rig(&rig, of[i].rigs, of[i].cameras, WIDE, VOXELS);
+        memcpy(rig.grid.n, of[i].n, sizeof rig.grid.n);
+        if (!take_new(&t, &rig, of[i].flame, REC_TRILINEAR, false, pool))
+            exit(2);
+        T_EQ_I(vote(&t, HEALTHY, 0, 0)->out, 0);
+        T_EQ_I(verdict(&t)->state, REC_VOTE_AGREE);
+        T_EQ_I(vote(&t, BLACK, 1, 0.01)->out, 2);
+        if (of[i].cameras > 4)
+            T_EQ_I(vote(&t, SHIFTED, 1, 0.01)->out, 2);
+        take_free(&t);
+        rec_rig_fini(&rig);
+    }
+}
+
 T_CASE(fewer_than_four_and_no_flame)
 {
     struct take t = bed(FLAME_RING, EVEN, 5, 4);
