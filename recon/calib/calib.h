@@ -113,6 +113,7 @@ struct rec_calib_of_camera {
     size_t views, used;
     double single, joint;   /* px rms over the views used */
     double over;            /* joint / single, medians over all views; 1 is ideal */
+    double gross;           /* the same with the upper quartile of joint */
     double structure;       /* px: residual that repeats by place in the picture, camera alone */
     unsigned held;          /* bit i: the data do not determine number i of the lens */
     double sigma[REC_LENS]; /* standard deviations, before any number was held */

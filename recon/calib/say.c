@@ -144,8 +144,8 @@ bool rec_calib_good(const struct rec_calib_report *r)
 
 /* Cameras that contradict each other (pictures of different instants, wrong frame numbers, turned pictures, an old rig
  * that no longer holds).  Each view errs as a whole, and n views reduce that to 1 / sqrt(n) at best.  If the rest is a
- * voxel of the volume, nothing can be reconstructed.  Views that were left out count by the median: where they are
- * most of a camera's, its pose came by chance.  No motion between two exposures reaches WILD times the own error. */
+ * voxel of the volume, nothing can be reconstructed.  If a quarter of a camera's views, left out or not, are off by
+ * WILD times its own error, which no motion between two exposures reaches, its pose came from right ones by chance. */
 #define WILD 100
 static void say_contradiction(struct calib *k)
 {
@@ -157,10 +157,9 @@ static void say_contradiction(struct calib *k)
         double voxels = o->expected.px > 0 ? o->expected.voxels / o->expected.px
                         : r->px > 0        ? r->voxels / r->px
                                            : 1;
-        double fit = fmax(o->joint, o->over * o->single);
+        double fit = fmax(o->joint, (o->gross > WILD ? o->gross : o->over) * o->single);
         double left = fit * voxels / sqrt(fmax((double)o->used, 1));
-        if (o->over > WILD)
-            left = fmax(left, o->over / WILD);
+        left = fmax(left, o->gross / WILD);
         if (fit > 2 * o->single && left > most) {
             most = left;
             px = fit;

@@ -22,7 +22,11 @@ static double over_of(const struct calib *k, uint32_t c, double *room)
             room[k->nv + m++] = k->view[i].usual;
         }
     double single = pvx_median(room + k->nv, m);
-    return n > 0 && single > 0 ? pvx_median(room, n) / single : 0;
+    if (n == 0 || !(single > 0))
+        return 0;
+    double joint = pvx_median(room, n); /* sorts room */
+    k->out->camera[c].gross = room[3 * n / 4] / single;
+    return joint / single;
 }
 
 /* Spread of the poses between c and the others when c's picture of frame f + by counts as one of frame f, relative

@@ -240,4 +240,40 @@ T_CASE(broken_views_are_left_out)
     bv_done(&r);
 }
 
+/* Pictures of every second instant are turned by 180 degrees, of one camera or of all in turn, or two cameras swap
+ * theirs.  A rig that is called good is right in the cameras that nothing was done to. */
+T_CASE(turned_and_swapped_pictures)
+{
+    T_NOT_UNDER_TSAN();
+    enum { TURN_ONE, TURN_ALL, SWAP, N };
+    int told = 0;
+    for (size_t i = 0; i < 3 * N; i++) {
+        struct bv_result r;
+        const size_t what = i % N;
+        bv_init(&s, 4, true);
+        s.frames = 10 + 4 * (i / N);
+        bv_everywhere(&s);
+        bv_take(&s);
+        for (size_t k = 0; k < s.n; k++) {
+            struct rec_board_view *v = &s.view[k];
+            bool turn = what == TURN_ONE   ? v->camera == 1 && v->frame % 2 == 1
+                        : what == TURN_ALL ? (v->frame >> v->camera) % 2 == 1
+                                           : false;
+            if (what == SWAP && v->frame % 2 == 1 && v->camera % 2 == 1)
+                v->camera ^= 2; /* 1 and 3 */
+            for (size_t j = 0; j < v->n && turn; j++) {
+                v->corner[j].x = s.w - 1 - v->corner[j].x;
+                v->corner[j].y = s.h - 1 - v->corner[j].y;
+            }
+        }
+        bv_solve(&s, &r);
+        const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_SYNC);
+        bool refused = r.e != PVX_OK || rec_calib_says(&r.report, REC_CALIB_REFUSED, -1);
+        T_OK(refused || !rec_calib_good(&r.report) || fmax(r.px[0], r.px[2]) < 1);
+        told += refused && f != NULL && strstr(f->text, "turned, mirrored or of") != NULL;
+        bv_done(&r);
+    }
+    T_OK(told > 0);
+}
+
 T_MAIN(plugins_of_this_build(), (void)0)
