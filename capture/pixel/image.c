@@ -71,6 +71,9 @@ static const struct {
     [CAP_BAYER_GR12CSI] = {"BayerGR12csi", 0x00000000, 12, 3, CAP_LAYOUT_CSI},
     [CAP_BAYER_GB12CSI] = {"BayerGB12csi", 0x00000000, 12, 3, CAP_LAYOUT_CSI},
     [CAP_BAYER_BG12CSI] = {"BayerBG12csi", 0x00000000, 12, 3, CAP_LAYOUT_CSI},
+    [CAP_RGB10] = {"RGB10", 0x02300018, 10, 3, CAP_LAYOUT_16},
+    [CAP_RGB12] = {"RGB12", 0x0230001a, 12, 3, CAP_LAYOUT_16},
+    [CAP_RGB14] = {"RGB14", 0x0230005e, 14, 3, CAP_LAYOUT_16},
     [CAP_GREY_F32] = {"Mono32f", 0x00000000, 32, 1, CAP_LAYOUT_F32},
     [CAP_RGB_F32] = {"RGB32f", 0x00000000, 32, 3, CAP_LAYOUT_F32},
     /* clang-format on */
@@ -148,11 +151,25 @@ const uint8_t *cap_pixfmt_bayer(enum cap_pixfmt f)
     return f >= CAP_BAYER_RG8 && f <= CAP_BAYER_BG12CSI ? cell[(f - CAP_BAYER_RG8) % 4] : NULL;
 }
 
+enum cap_pixfmt cap_pixfmt_of_depth(enum cap_pixfmt f, int depth)
+{
+    for (enum cap_pixfmt g = CAP_GREY8; g < CAP_N_FMT; g++) {
+        const uint8_t *a = cap_pixfmt_bayer(f), *b = cap_pixfmt_bayer(g);
+        if (cap_pixfmt_layout(g) == cap_pixfmt_layout(f) && cap_pixfmt_depth(g) == depth &&
+            cap_pixfmt_channels(g) == cap_pixfmt_channels(f) && a == b)
+            return g;
+    }
+    return CAP_FMT_NONE;
+}
+
 bool cap_pixfmt_fits(enum cap_pixfmt have, enum cap_pixfmt want)
 {
     bool single = cap_pixfmt_bayer(want) != NULL || cap_pixfmt_channels(want) == 1;
-    return have == want || (single && cap_pixfmt_layout(have) == cap_pixfmt_layout(want) &&
-                            (have == CAP_GREY8 || have == CAP_GREY16));
+    bool rgb = cap_pixfmt_layout(want) == CAP_LAYOUT_16 && !single;
+    return have == want ||
+           (single && cap_pixfmt_layout(have) == cap_pixfmt_layout(want) &&
+            (have == CAP_GREY8 || have == CAP_GREY16)) ||
+           (rgb && have == CAP_RGB16);
 }
 
 size_t cap_pixfmt_row(enum cap_pixfmt f, int32_t width)

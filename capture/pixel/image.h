@@ -51,6 +51,9 @@ enum cap_pixfmt {
     CAP_BAYER_FORMATS(12PACKED),
     CAP_BAYER_FORMATS(10CSI),
     CAP_BAYER_FORMATS(12CSI),
+    CAP_RGB10,
+    CAP_RGB12,
+    CAP_RGB14,
     CAP_GREY_F32,
     CAP_RGB_F32, /* linear already, 1.0 = full scale */
     CAP_N_FMT
@@ -101,6 +104,8 @@ int cap_pixfmt_channels(enum cap_pixfmt f); /* 1 or 3: channels of the scene (Ba
 enum cap_layout cap_pixfmt_layout(enum cap_pixfmt f);
 /* Colour (0 R, 1 G, 2 B) of each pixel of a Bayer format's 2x2 cell, row by row; else NULL. */
 const uint8_t *cap_pixfmt_bayer(enum cap_pixfmt f);
+/* The format that differs from f in its depth only; NONE: there is none. */
+enum cap_pixfmt cap_pixfmt_of_depth(enum cap_pixfmt f, int depth);
 /* Whether an image of format `have` (by its file) can be read as format `want`.  A recorded sensor image is grey
  * in its file.  The file records neither the Bayer filter nor how many of 16 bits are used. */
 bool cap_pixfmt_fits(enum cap_pixfmt have, enum cap_pixfmt want);

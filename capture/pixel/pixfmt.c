@@ -76,6 +76,15 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
     j->unit = p->maps != NULL ? p->maps->unit : 1;
     if (j->maps != NULL && j->maps->table[bits < 32 ? bits : 0] != NULL)
         j->table = j->maps->table[bits];
+    j->clip = j->full;
+    if (layout == CAP_LAYOUT_16 && bits == 16)
+        j->clip = CAP_CLIP_16;
+    j->most = 1;
+    if (layout == CAP_LAYOUT_16 && p->clip > 0 && p->clip < j->clip) {
+        j->clip = p->clip;
+        j->most = j->table != NULL ? (float)j->table[j->clip] / (float)CAP_LIGHT_ONE
+                                   : (float)j->clip / (float)j->full;
+    }
     j->scale_full = (float)(j->table != NULL ? CAP_LIGHT_ONE : j->full);
     if (layout == CAP_LAYOUT_YUV)
         yuv_coef(img->yuv, &j->yuv);
@@ -153,6 +162,13 @@ pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params
     cap_pix_kernels_init(&k, PVX_CPU_BEST);
     cap_pix_run(&k, &j, y0, y1, out);
     return PVX_OK;
+}
+
+float cap_saturated(const struct cap_image *img, const struct cap_convert_params *p)
+{
+    struct cap_pix j;
+    pvx_err e = cap_pix_check(img, p, 0, 0, &j);
+    return e != PVX_OK ? 1 : j.maps != NULL ? j.maps->saturated : j.most;
 }
 
 pvx_err cap_bin(const struct cap_image *img, int binning, int nch, int32_t y0, int32_t y1,

@@ -12,6 +12,8 @@
  * nch = 1 from a colour image: mean of the three channels.  nch = 3 from grey: the value in all three.
  * A channel of a bin with any saturated raw sample (an integer at its full scale) is reported as exactly 1, so
  * that the mean does not hide the saturation.  With nch = 1 a saturated sample of any channel counts.
+ * Words of 16 bits are saturated from CAP_CLIP_16 on: a sensor of 10, 12 or 14 bits in the upper bits ends there or
+ * above.  `clip`: they are saturated from there on, and reported as cap_saturated: a sensor of fewer bits in the lower.
  * Words of 10, 12 and 14 bits in 16 must have upper bits 0 (PFNC, V4L2).  A word that does not, for instance from
  * a camera that aligns its samples to the left, has no usable value and counts as saturated.
  * Float samples have no saturation and are averaged as they are.  A bin without a finite sample is NaN.
@@ -29,6 +31,7 @@
 #include "capture/pixel/transfer.h"
 
 #define CAP_BINNING_MAX 64
+#define CAP_CLIP_16     (1023 << 6)
 
 struct cap_maps; /* maps.h */
 
@@ -39,6 +42,7 @@ struct cap_convert_params {
     enum cap_transfer transfer;
     enum cap_mosaic mosaic;      /* Bayer with binning 1 */
     const struct cap_maps *maps; /* made with the same params; or NULL */
+    unsigned clip;               /* of words of 16 bits; 0 = CAP_CLIP_16 */
 };
 
 /* img.width = bw*binning, img.height = bh*binning; out [bh][bw][cs], cs = 1 (nch 1) or 4 (nch 3,
@@ -50,4 +54,6 @@ PVX_MUST_CHECK pvx_err cap_convert(const struct cap_image *img, const struct cap
 /* The same with the transfer function that the image declares (AUTO), bilinear interpolation and no maps. */
 PVX_MUST_CHECK pvx_err cap_bin(const struct cap_image *img, int binning, int nch, int32_t y0,
                                int32_t y1, float *out);
+/* The value of saturated channels; 1 without maps and clip. */
+float cap_saturated(const struct cap_image *img, const struct cap_convert_params *p);
 #endif

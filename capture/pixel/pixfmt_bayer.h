@@ -110,10 +110,9 @@ static int32_t rays_by_eight(const float *light, int32_t n, int first, int secon
 
 /* NOLINTNEXTLINE(readability-function-size) */
 CAP_PIX_INLINE void ray_light(const uint32_t *restrict v, const uint16_t *restrict s, int32_t full,
-                              int32_t n, float scale, const struct cap_maps *m,
+                              int32_t n, float scale, float top, const struct cap_maps *m,
                               const uint32_t *restrict word, float *restrict light)
 {
-    const float top = m != NULL ? m->saturated : 1;
     for (int32_t k = 0; k < n; k++) {
         float l = (float)(int32_t)v[k] * scale;
         if (m != NULL)
@@ -129,17 +128,17 @@ static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float
     uint32_t v[CAP_PIX_PIECE];
     float light[CAP_PIX_PIECE];
     const float scale = cap_pix_scale(j, 1);
-    const int32_t full = (int32_t)j->full;
+    const int32_t full = (int32_t)j->clip;
     const int first = j->cell[(y & 1) * 2], second = j->cell[(y & 1) * 2 + 1];
     const cap_f4 none = {NAN, NAN, NAN, 0};
     int32_t i = 0;
     pix_row(j, y, x, n, s, 0);
     cap_pix_light(s, j->table, n, v);
     if (j->maps != NULL)
-        ray_light(v, s, full, n, scale, j->maps,
+        ray_light(v, s, full, n, scale, j->maps->saturated, j->maps,
                   j->maps->word + (size_t)y * (size_t)j->img.width + (size_t)x, light);
     else
-        ray_light(v, s, full, n, scale, NULL, NULL, light);
+        ray_light(v, s, full, n, scale, j->most, NULL, NULL, light);
 #if defined(__AVX2__)
     i = rays_by_eight(light, n, first, second, out);
 #endif

@@ -14,7 +14,7 @@ struct cap_pix_bins {
     const uint16_t *top[3];
     float scale[3][2];
 };
-/* The maps' part for a piece.  Without maps: NULL, and `full` is 1. */
+/* The maps' part for a piece.  Without maps: NULL.  `full`: value of what is saturated. */
 struct piece {
     const uint32_t *word[3];
     float full;
@@ -236,15 +236,15 @@ static void pixel_one(const struct cap_pix_bins *v, bool is_grey, int32_t full,
 /* n bins to floats, in the layout of cap_convert. */
 static void pix_finish(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
 {
-    struct piece p = {.full = 1};
+    struct piece p = {.full = j->most};
     if (j->maps != NULL)
         p = pixel_piece_of(j->maps, (size_t)(out - j->base) / (j->nch == 3 ? 4 : 1));
     if (j->nch != 3) {
-        pixel_one(v, j->grey, (int32_t)j->full, &p, n, out);
+        pixel_one(v, j->grey, (int32_t)j->clip, &p, n, out);
         return;
     }
     if (!j->grey) {
-        pixel_three(v, j->full, &p, n, out);
+        pixel_three(v, j->clip, &p, n, out);
         return;
     }
     const struct cap_pix_bins thrice = {
@@ -254,7 +254,7 @@ static void pix_finish(const struct cap_pix *j, const struct cap_pix_bins *v, in
          {v->scale[0][0], v->scale[0][0]},
          {v->scale[0][0], v->scale[0][0]}},
     };
-    pixel_three(&thrice, j->full, &p, n, out);
+    pixel_three(&thrice, j->clip, &p, n, out);
 }
 
 CAP_PIX_INLINE void mapped_lane(cap_f4 word, const float *matrix, float unit, float *out)

@@ -59,7 +59,7 @@ CAP_PIX_INLINE void binned(const struct cap_pix *j, int b, int samples, int32_t 
             for (int c = 0; c < samples; c++)
                 v[c] = mean(j, p + (size_t)c * sizeof(float), b, samples);
             cap_pix_put(out + ((size_t)Y * (size_t)bw + (size_t)X) * (j->nch == 3 ? 4 : 1), v,
-                        saturated, samples == 1, j->nch);
+                        saturated, 1, samples == 1, j->nch);
         }
 }
 

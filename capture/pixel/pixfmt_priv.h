@@ -29,6 +29,8 @@ struct cap_pix {
     int samples;           /* per pixel: 1 or 3 */
     bool grey, swapped;    /* one channel; BGR order */
     unsigned full;         /* of a raw sample; 0 = float */
+    unsigned clip;         /* a raw sample is saturated from here on, <= full */
+    float most;            /* value of saturated channels, without maps */
     const uint32_t *table; /* light of a raw sample; NULL = linear */
     float scale_full;      /* full scale of the values that are summed: full or CAP_LIGHT_ONE */
     float unit;            /* of the maps, or 1 */
@@ -109,9 +111,9 @@ CAP_PIX_INLINE float cap_pix_or(float v, bool full, float top)
     return v;
 }
 
-/* Write one bin from its channel means; grey = the image has one channel. */
-CAP_PIX_INLINE void cap_pix_put(float *out, const float rgb[3], const bool saturated[3], bool grey,
-                                int nch)
+/* Write one bin from its channel means; grey = the image has one channel; most = value of saturated bins. */
+CAP_PIX_INLINE void cap_pix_put(float *out, const float rgb[3], const bool saturated[3], float most,
+                                bool grey, int nch)
 {
     if (nch == 3) {
         for (int c = 0; c < 3; c++)
@@ -120,7 +122,7 @@ CAP_PIX_INLINE void cap_pix_put(float *out, const float rgb[3], const bool satur
     } else if (grey) {
         out[0] = rgb[0];
     } else if (saturated[0] || saturated[1] || saturated[2]) {
-        out[0] = 1;
+        out[0] = most;
     } else {
         float sum = 0;
         int n = 0;

@@ -75,8 +75,8 @@ static void add_weighted(struct gather *g, const struct cap_pix *j, int32_t x, i
         return;
     }
     unsigned v = cap_pix_sample(j, x, y, s);
-    g->saturated |= v >= j->full;
-    g->sum += v >= j->full ? 0 : weight * (double)(j->table != NULL ? j->table[v] : v);
+    g->saturated |= v >= j->clip;
+    g->sum += v >= j->clip ? 0 : weight * (double)(j->table != NULL ? j->table[v] : v);
     g->count += weight;
 }
 
@@ -100,7 +100,7 @@ static void pixfmt_ref_add(struct gather *g, const struct cap_pix *j, int32_t x,
 static float pixfmt_ref_mean_of(const struct gather *g, const struct cap_pix *j)
 {
     if (g->saturated)
-        return 1;
+        return j->most;
     if (g->count == 0)
         return NAN;
     if (j->full > 0 && j->plane == NULL)
@@ -193,7 +193,7 @@ void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out)
         saturated[c] = g[c].saturated;
         lacking |= g[c].count == 0 && !(j->grey && c > 0);
     }
-    cap_pix_put(o, rgb, saturated, j->grey, j->nch);
+    cap_pix_put(o, rgb, saturated, j->most, j->grey, j->nch);
     if (lacking && j->full > 0 && j->nch == 1 && j->maps != NULL && j->maps->mask != NULL)
         o[0] = NAN; /* the mean of fewer channels is a different quantity */
     if (j->maps != NULL && j->plane == NULL)

@@ -243,11 +243,15 @@ static void rgb8(const uint8_t *p, const uint8_t *end, int32_t n, bool swapped, 
     }
 }
 
-static void rgb16(const uint8_t *p, int32_t n, uint16_t *out, size_t pitch)
+static void rgb16(const uint8_t *p, int32_t n, unsigned full, uint16_t *out, size_t pitch)
 {
+    const uint16_t most = (uint16_t)full;
     for (int32_t i = 0; i < n; i++, p += 6)
-        for (size_t c = 0; c < 3; c++)
-            memcpy(out + c * pitch + i, p + 2 * c, 2);
+        for (size_t c = 0; c < 3; c++) {
+            uint16_t v;
+            memcpy(&v, p + 2 * c, 2);
+            out[c * pitch + (size_t)i] = v < most ? v : most;
+        }
 }
 
 static void pixel_words(const uint8_t *p, int32_t n, unsigned full, uint16_t *restrict out)
@@ -307,7 +311,7 @@ static void pix_row(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, ui
         return;
     case CAP_LAYOUT_16:
         if (j->samples == 3)
-            rgb16(p, n, out, pitch);
+            rgb16(p, n, j->full, out, pitch);
         else
             pixel_words(p, n, j->full, out);
         return;

@@ -64,7 +64,7 @@ const struct dmn_option dmn_options[] = {
     {"pixel_format", DMN_FORMAT, AT(pixel_format), "auto", 0, 0, "", NULL,
      "Pixel format to ask of the cameras. auto: as they are set. Mono8 10 12 14 16 10p 12p "
      "10Packed 12Packed 10csi 12csi, BayerRG, BayerGR, BayerGB and BayerBG likewise, RGB8, "
-     "BGR8, RGB16, YUV422_8 (YUYV), YUV422_8_UYVY (UYVY), JPEG (MJPG), Mono32f, RGB32f. "
+     "BGR8, RGB10 12 14 16, YUV422_8 (YUYV), YUV422_8_UYVY (UYVY), JPEG (MJPG), Mono32f, RGB32f. "
      "Grey files are read as Bayer images when this names a Bayer format of their depth."},
     CHOICE("bayer", bayer, "auto", "auto|rays|demosaic",
            "Bayer pixels at binning 1. rays: each pixel is a ray of its own colour, without "

@@ -87,6 +87,21 @@ static void cameras_in_say(struct dmn_cameras_in *in, size_t c, bool bad)
     }
 }
 
+/* Log, once, that a camera has fewer bits than its format. */
+static void cameras_in_bits(struct dmn_cameras_in *in, size_t c, enum cap_pixfmt fmt)
+{
+    const char *name = in->rig->cameras[c].name;
+    int bits = dmn_images_bits(in->images, c), most = (1 << bits) - 1;
+    if (bits == in->said[c].bits || bits == 0)
+        return;
+    in->said[c].bits = bits;
+    LOG_ABOUT(PVX_LOG_WARN, DAEMON, ABOUT(.cause = "depth", .camera = name),
+              "camera %s: samples of its %s images go up to %d and stop there: these are %d bits, "
+              "saturated at %d; pixel_format: %s makes that full scale",
+              name, cap_pixfmt_name(fmt), most, bits, most,
+              cap_pixfmt_name(cap_pixfmt_of_depth(fmt, bits)));
+}
+
 /* Bin the set's images into the slot. */
 static void cameras_in_load(struct dmn_cameras_in *in, const struct cap_set *set,
                             struct dmn_slot *s)
@@ -97,8 +112,11 @@ static void cameras_in_load(struct dmn_cameras_in *in, const struct cap_set *set
         image[c] = set->frame[c] != NULL && cameras_in_is_ours(in, c) ? &set->frame[c]->img : NULL;
     s->n_present = dmn_images_bin_frame(in->images, image, s->frame, &s->mask);
     s->bin_ns = pvx_now_mono() - t0;
-    for (size_t c = 0; c < in->rig->n_cameras; c++)
+    for (size_t c = 0; c < in->rig->n_cameras; c++) {
         cameras_in_say(in, c, image[c] != NULL && !(s->mask >> c & 1));
+        if (image[c] != NULL)
+            cameras_in_bits(in, c, image[c]->fmt);
+    }
 }
 
 static pvx_err cameras_in_next(void *ctx, struct dmn_slot *s)

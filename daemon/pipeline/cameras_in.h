@@ -17,6 +17,7 @@ struct dmn_camera_said {
     bool other, far;
     int64_t bad_ns;   /* when it was logged that an image cannot be used; 0: never */
     unsigned unknown; /* sets without a temperature */
+    int bits;         /* at which its samples end */
 };
 
 struct dmn_cameras_in {

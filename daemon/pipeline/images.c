@@ -4,11 +4,13 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/mem.h"
 #include "capture/pixel/jpeg.h"
 
 #define BANDS 4 /* an image is converted in so many pieces */
+#define PILE  8 /* samples at the end of a depth show that it is the end */
 
 struct dmn_images {
     struct dmn_images_params p;
@@ -23,8 +25,14 @@ struct dmn_images {
     /* one set: */
     struct cap_image image[REC_MAX_CAMERAS]; /* data NULL = missing or bad */
     struct pvx_diag why[REC_MAX_CAMERAS];
-    int fault[REC_MAX_CAMERAS]; /* enum dmn_image_fault, DMN_N_IMAGE = none */
+    float saturated[REC_MAX_CAMERAS]; /* value of saturated bins, 0: 1 */
+    int fault[REC_MAX_CAMERAS];       /* enum dmn_image_fault, DMN_N_IMAGE = none */
     _Atomic int bad[REC_MAX_CAMERAS];
+    struct cap_depth depth[REC_MAX_CAMERAS][BANDS];
+    int32_t row; /* the first that is looked at */
+    /* all sets: */
+    struct cap_depth all[REC_MAX_CAMERAS]; /* words of 16 bits */
+    int bits[REC_MAX_CAMERAS];
     float *const *out;
 
     atomic_uint_fast64_t count[REC_MAX_CAMERAS][DMN_N_IMAGE];
@@ -38,6 +46,7 @@ pvx_err dmn_images_new(const struct dmn_images_params *p, const struct rec_rig *
     if (i == NULL)
         return PVX_ENOMEM;
     *i = (dmn_images){.p = *p, .rig = rig, .pool = pool};
+    i->p.look = p->look > 1 ? p->look : 1;
     bool jpeg = p->fmt == CAP_FMT_NONE || p->fmt == CAP_JPEG;
     for (size_t c = 0; c < rig->n_cameras && jpeg; c++) {
         const struct rec_camera *k = &rig->cameras[c];
@@ -63,6 +72,12 @@ void dmn_images_free(dmn_images **ip)
         cap_maps_free(&(*ip)->maps[c]);
     }
     PVX_FREE(*ip);
+}
+
+void dmn_images_seen(dmn_images *i, size_t c, const struct cap_depth *d)
+{
+    i->all[c] = *d;
+    i->bits[c] = cap_depth_bits(d, 1);
 }
 
 void dmn_images_black(dmn_images *i, float black)
@@ -136,10 +151,21 @@ static void check_black(dmn_images *i)
     }
 }
 
-static struct cap_convert_params images_how(const dmn_images *i)
+static struct cap_convert_params images_how(const dmn_images *i, size_t c)
 {
-    return (struct cap_convert_params){
-        .binning = i->p.binning, .nch = i->p.nch, .transfer = i->p.transfer, .mosaic = i->p.mosaic};
+    return (struct cap_convert_params){.binning = i->p.binning,
+                                       .nch = i->p.nch,
+                                       .transfer = i->p.transfer,
+                                       .mosaic = i->p.mosaic,
+                                       .maps = i->maps[c],
+                                       .clip = i->bits[c] > 0 ? (1u << i->bits[c]) - 1 : 0};
+}
+
+static float saturated_now(const dmn_images *i, size_t c)
+{
+    struct cap_convert_params p = images_how(i, c);
+    float s = i->image[c].data != NULL ? cap_saturated(&i->image[c], &p) : 1;
+    return s == 1 ? 0 : s;
 }
 
 /* Find the maps for camera c's picture.  They are made when the first picture of its format comes. */
@@ -150,10 +176,10 @@ static void find_maps(dmn_images *i, size_t c)
     if (img->data == NULL || light == NULL)
         return;
     if (i->maps_for[c] != img->fmt) {
-        struct cap_convert_params p = images_how(i);
         cap_maps_free(&i->maps[c]);
         i->maps_for[c] = img->fmt;
         i->maps_why[c].text[0] = '\0';
+        const struct cap_convert_params p = images_how(i, c);
         pvx_err e = cap_maps_new(light, img, &p, &i->maps[c], &i->maps_why[c]);
         if (e == PVX_ENOMEM)
             pvx_fail(&i->maps_why[c], e, "no memory for its maps");
@@ -174,11 +200,12 @@ static void bin_piece(void *ctx, size_t task)
     const struct cap_image *img = &i->image[c];
     if (img->data == NULL)
         return;
-    struct cap_convert_params p = images_how(i);
-    p.maps = i->maps[c];
+    const struct cap_convert_params p = images_how(i, c);
     int64_t rows = i->rig->cameras[c].height / i->p.binning;
     int32_t y0 = (int32_t)(rows * (int64_t)band / BANDS);
     int32_t y1 = (int32_t)(rows * (int64_t)(band + 1) / BANDS);
+    cap_depth_look(&i->depth[c][band], img, y0 * i->p.binning + i->row, y1 * i->p.binning,
+                   i->p.look);
     pvx_err e = y0 < y1 ? cap_convert(img, &p, y0, y1, i->out[c]) : PVX_OK;
     if (e != PVX_OK)
         atomic_store(&i->bad[c], (int)e);
@@ -191,6 +218,7 @@ static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
     i->why[c].text[0] = '\0';
     i->fault[c] = DMN_N_IMAGE;
     atomic_store(&i->bad[c], PVX_OK);
+    memset(i->depth[c], 0, sizeof i->depth[c]);
     i->image[c] = img != NULL ? *img : (struct cap_image){0};
     if (img != NULL && (img->width != k->width || img->height != k->height)) {
         i->fault[c] = DMN_IMAGE_SIZE;
@@ -219,6 +247,27 @@ static bool has_number(const dmn_images *i, size_t c)
     return numbers >= needed;
 }
 
+/* Judge the depth of camera c's samples. */
+static void judge_depth(dmn_images *i, size_t c)
+{
+    enum cap_pixfmt fmt = i->image[c].fmt;
+    struct cap_depth now = {0};
+    unsigned most = (1u << cap_pixfmt_depth(fmt) % 32) - 1;
+    for (size_t b = 0; b < BANDS; b++)
+        cap_depth_join(&now, &i->depth[c][b]);
+    if (cap_pixfmt_depth(fmt) == 16) {
+        cap_depth_join(&i->all[c], &now);
+        i->bits[c] = cap_depth_bits(&i->all[c], PILE);
+    } else if (now.top > most) {
+        i->fault[c] = DMN_IMAGE_FORMAT;
+        snprintf(i->why[c].text, sizeof i->why[c].text,
+                 "%s image: a sample is %u, but %d bits end at %u: its samples have more bits, or "
+                 "lie in the upper ones (%s)",
+                 cap_pixfmt_name(fmt), now.top, cap_pixfmt_depth(fmt), most,
+                 cap_pixfmt_name(cap_pixfmt_of_depth(fmt, 16)));
+    }
+}
+
 /* Whether camera c's pixels are there.  If not, an image that came is counted by its fault. */
 static bool account(dmn_images *i, bool came, size_t c)
 {
@@ -228,6 +277,8 @@ static bool account(dmn_images *i, bool came, size_t c)
         snprintf(i->why[c].text, sizeof i->why[c].text, "%s image: %s",
                  cap_pixfmt_name(i->image[c].fmt), pvx_strerror(e));
     }
+    if (came && i->fault[c] == DMN_N_IMAGE)
+        judge_depth(i, c);
     if (came && i->fault[c] == DMN_N_IMAGE && !has_number(i, c)) {
         i->fault[c] = DMN_IMAGE_NO_NUMBER;
         snprintf(i->why[c].text, sizeof i->why[c].text,
@@ -255,7 +306,10 @@ uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, flo
     check_black(i);
     for (size_t c = 0; c < n && i->p.light != NULL; c++)
         find_maps(i, c);
+    for (size_t c = 0; c < n; c++)
+        i->saturated[c] = saturated_now(i, c);
     pvx_pool_run(i->pool, n * BANDS, bin_piece, i);
+    i->row = (i->row + 1) % i->p.look;
     *mask = 0;
     for (size_t c = 0; c < n; c++) {
         bool good = account(i, image[c] != NULL, c);
@@ -306,7 +360,12 @@ int dmn_images_samples(const dmn_images *i, size_t c)
 
 float dmn_images_saturated(const dmn_images *i, size_t c)
 {
-    return i->maps[c] != NULL ? cap_maps_saturated(i->maps[c]) : 0;
+    return i->saturated[c];
+}
+
+int dmn_images_bits(const dmn_images *i, size_t c)
+{
+    return i->bits[c];
 }
 
 const char *dmn_images_why(const dmn_images *i, size_t c)

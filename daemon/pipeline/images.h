@@ -1,5 +1,7 @@
 /* images.h - the raw images of one set become binned pixels.
  *
+ * Pictures of 16 bits whose samples all end at 10, 12 or 14 bits are saturated there (depth.h).  Pictures of a format
+ * of 10, 12 or 14 bits with samples above are not used.
  * A grey picture has no colour, so beside pictures with colour it is not used (`alike`).  A picture without a finite
  * bin is not used either.
  * JPEG images are decoded first, one task per camera, then every image is converted in bands.  An image that
@@ -9,6 +11,7 @@
  * Nothing else is allocated here.  libjpeg-turbo takes work memory for each picture (jpeg.h). */
 #ifndef DMN_IMAGES_H
 #define DMN_IMAGES_H
+#include "capture/pixel/depth.h"
 #include "capture/pixel/pixfmt.h"
 #include "daemon/control/state.h"
 #include "daemon/pipeline/photometry.h"
@@ -25,6 +28,8 @@ struct dmn_images_params {
     /* Pictures of one kind only.  3 channels: no grey one while another camera's last picture has colour.  1 channel:
      * none with colour.  false: grey becomes three equal channels, colour the mean of three. */
     bool alike;
+    int32_t
+        look; /* every so many rows are looked at for the depth, other ones in the next set; 0 = 1 */
 };
 
 /* Errors: PVX_ENOMEM, PVX_EINVAL (camera too large for a JPEG). */
@@ -34,6 +39,8 @@ void dmn_images_free(dmn_images **i);
 
 /* The black level that is subtracted later, from any thread.  Above 1 it is for floats: others are not used. */
 void dmn_images_black(dmn_images *i, float black);
+/* What was seen before of camera c's samples. */
+void dmn_images_seen(dmn_images *i, size_t c, const struct cap_depth *d);
 /* Bins image[cameras] (NULL = missing) into out[cameras] [bins down][bins across][1 or 4].  Returns the number of
  * usable images, with their bits in *mask. */
 uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,
@@ -47,8 +54,10 @@ const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c);
 bool dmn_images_floats(const dmn_images *i, size_t c);
 /* Samples of a pixel: 1 of grey and Bayer images, else 3. */
 int dmn_images_samples(const dmn_images *i, size_t c);
-/* Value of its saturated bins.  0 means 1, the value for cameras without photometry. */
+/* Value of its saturated bins.  0 means 1, the value for most cameras without photometry. */
 float dmn_images_saturated(const dmn_images *i, size_t c);
+/* Bits at which its samples end, fewer than its format has; 0: they do not, or it is not known. */
+int dmn_images_bits(const dmn_images *i, size_t c);
 /* Why it could not be used. */
 const char *dmn_images_why(const dmn_images *i, size_t c);
 void dmn_images_counts(dmn_images *i, uint64_t out[][DMN_N_IMAGE]); /* [cameras] */

@@ -21,6 +21,8 @@
 #include "daemon/pipeline/sources.h"
 #include "daemon/pipeline/watch.h"
 
+#define LOOK_ROWS 8 /* of a picture's rows one in so many is looked at for its depth */
+
 struct dmn_live {
     struct dmn_config cfg;
     pvp_auth *auth;      /* borrowed; NULL: no keys */
@@ -159,7 +161,8 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
                                    .fmt = dmn_config_pixfmt(c),
                                    .transfer = (enum cap_transfer)c->transfer,
                                    .light = l->light,
-                                   .alike = dmn_config_channels(c) == 3};
+                                   .alike = dmn_config_channels(c) == 3,
+                                   .look = LOOK_ROWS};
     PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
     dmn_images_black(l->images, (float)c->black);

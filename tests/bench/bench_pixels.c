@@ -82,7 +82,8 @@ static struct cap_maps *maps_of(const struct cap_image *img, const struct cap_co
 static void convert_ns(const struct cap_image *img, const struct way *w, int binning, float *out,
                        double ns[2])
 {
-    struct cap_convert_params p = {binning, w->nch, w->transfer, w->mosaic, NULL};
+    struct cap_convert_params p = {
+        .binning = binning, .nch = w->nch, .transfer = w->transfer, .mosaic = w->mosaic};
     struct cap_maps *maps = maps_of(img, &p, w);
     ns[0] = ns[1] = INFINITY;
     for (int r = 0; r < 2 * ROUNDS; r++) {

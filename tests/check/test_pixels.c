@@ -112,8 +112,9 @@ T_CASE(transfers_and_matrices)
             for (int t = CAP_TRANSFER_LINEAR; t <= CAP_TRANSFER_BT709; t++)
                 for (int nch = 1; nch <= 3; nch += 2)
                     compare(f, 12 * b, 2 * b,
-                            &(struct cap_convert_params){b, nch, (enum cap_transfer)t, 0, NULL}, 1,
-                            (uint8_t)(t_rand() >> 60));
+                            &(struct cap_convert_params){
+                                .binning = b, .nch = nch, .transfer = (enum cap_transfer)t},
+                            1, (uint8_t)(t_rand() >> 60));
 }
 
 T_CASE(rays)
@@ -123,9 +124,25 @@ T_CASE(rays)
             for (int t = 0; t <= CAP_TRANSFER_SRGB; t++)
                 for (int nch = 1; nch <= 3; nch += 2)
                     compare(f, w, 5,
-                            &(struct cap_convert_params){1, nch, (enum cap_transfer)t,
-                                                         CAP_MOSAIC_RAYS, NULL},
+                            &(struct cap_convert_params){.binning = 1,
+                                                         .nch = nch,
+                                                         .transfer = (enum cap_transfer)t,
+                                                         .mosaic = CAP_MOSAIC_RAYS},
                             0, 0);
+}
+
+/* Words that are saturated below their full scale. */
+T_CASE(clipped_below_full_scale)
+{
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
+        for (int b = 1; b <= 4 && is_integer(f); b++)
+            for (int nch = 1; nch <= 3; nch += 2)
+                for (int t = CAP_TRANSFER_LINEAR; t <= CAP_TRANSFER_SRGB; t++) {
+                    struct cap_convert_params p = {.binning = b, .nch = nch, .clip = 900};
+                    p.transfer = (enum cap_transfer)t;
+                    p.mosaic = b == 1 ? CAP_MOSAIC_RAYS : CAP_MOSAIC_DEMOSAIC;
+                    compare(f, 40 * b, 3 * b, &p, 1, 0);
+                }
 }
 
 /* Maps with pixels that say nothing, a response where there are integers, a matrix where it can be. */
@@ -174,6 +191,7 @@ T_CASE(maps_of_every_format_and_binning)
                 int b = binnings[k], across = b > 8 ? 2 : 2 + (int)(t_rand() % 700) / b;
                 struct cap_convert_params p = {.binning = b, .nch = nch};
                 compare_mapped(f, across, b > 8 ? 1 : 3, p);
+                p.clip = 4095;
                 p.mosaic = CAP_MOSAIC_RAYS;
                 compare_mapped(f, across, b > 8 ? 1 : 3, p);
             }

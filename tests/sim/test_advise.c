@@ -23,6 +23,20 @@ static void right(long number)
     advise_scene_free(&s);
 }
 
+/* Pictures that are clipped at 12 bits of 16 are dark for 16 bits, but not too dark. */
+T_CASE(clipped_pictures_need_no_more_light)
+{
+    static struct flame_sets s;
+    static struct advice a;
+    a.brightest = 0.06;
+    s.depth = (struct cap_depth){.top = 4094, .n = 9};
+    T_EQ_S(advise_exposure(&s, &a), "raise");
+    s.depth.top = 4095;
+    T_EQ_S(advise_exposure(&s, &a), "fine");
+    a.saturated = 0.06;
+    T_EQ_S(advise_exposure(&s, &a), "lower");
+}
+
 T_CASE(a_black_level_and_a_body)
 {
     T_NOT_UNDER_TSAN();

@@ -819,6 +819,90 @@ T_CASE(floats_of_any_scale)
     T_LE(volume_error("counts-v/000000.npy", 0, REC_BOX), 0.25);
 }
 
+/* `take` as words of 16 bits into DIR/name: light 1 is the sample `one`, samples end at `most`, and lie `up` bits
+ * higher. */
+static void words(const char *name, int channels, double one, int most, int up)
+{
+    static uint16_t px[W * H * 3];
+    struct pvx_diag d = {""};
+    for (int c = 0; c < CAMERAS - 1; c++)
+        for (int f = 0; f < FRAMES; f++) {
+            struct cap_loaded l;
+            T_EQ_I(cap_image_load(at("take/cam%d/%06d.npy", c, f), &l, &d), PVX_OK);
+            const float *v = l.img.data;
+            for (int i = 0; i < W * H * channels; i++) {
+                double x =
+                    channels == 3 ? (double)v[i] : ((double)v[3 * i] + (double)v[3 * i + 1]) / 2;
+                px[i] = (uint16_t)((int)fmin(fmax(x * one, 0), most) << up);
+            }
+            cap_loaded_free(&l);
+            T_EQ_I(pvx_mkdirs(at("%s/cam%d", name, c), &d), PVX_OK);
+            T_EQ_I(cap_image_write(at("%s/cam%d/%06d.png", name, c, f), px, W, H, channels, 16, &d),
+                   PVX_OK);
+        }
+    T_EQ_S(d.text, "");
+}
+
+static double reported(const char *what)
+{
+    slurp("report.json");
+    cJSON *o = cJSON_Parse(text), *list = cJSON_GetObjectItem(o, "frames");
+    double v = cJSON_GetNumberValue(cJSON_GetObjectItem(cJSON_GetArrayItem(list, 0), what));
+    cJSON_Delete(o);
+    return v;
+}
+
+/* Samples of 12 bits in 16: that they end there is said, and counted as saturation; with the right format the flame
+ * comes back. */
+T_CASE(fewer_bits_than_the_file)
+{
+    words("bright", 3, 20000, 4095, 0);
+    words("grey12", 1, 20000, 4095, 0);
+    words("upper", 3, 20000, 4095, 4);
+    words("fits", 3, 3000, 4095, 0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames bright " EIGHT
+                   " --out x --quiet --save-report report.json"),
+           0);
+    T_CONTAINS(slurp("err"), "bright: samples of cam0");
+    T_CONTAINS(text, "go up to 4095 and stop there: these are 12 bits in 16, saturated at 4095. "
+                     "--pixel-format RGB12");
+    double bright = reported("saturated");
+    T_OK(bright > 100);
+    static const char *const same[] = {"bright " EIGHT " --pixel-format RGB12", "upper " EIGHT};
+    for (int k = 0; k < 2; k++) { /* the same samples are saturated */
+        char args[300];
+        snprintf(args, sizeof args,
+                 "reconstruct --rig rig.yaml --out x --last 0 --quiet --save-report report.json "
+                 "--frames %s",
+                 same[k]);
+        T_EQ_I(pyrovox(args), 0);
+        T_OK(strstr(slurp("err"), "bits") == NULL);
+        T_NEAR(reported("saturated"), bright, 0.01 * bright);
+    }
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames fits " EIGHT
+                   " --out fits-v --last 0 --quiet --pixel-format RGB12"),
+           0);
+    float *v;
+    size_t shape[4];
+    int ndim;
+    T_EQ_I(cap_npy_load(at("fits-v/000000.npy"), &v, shape, &ndim, NULL), PVX_OK);
+    for (size_t i = 0; i < (size_t)N * N * N * 3; i++)
+        v[i] *= 4095.0F / 3000;
+    T_EQ_I(cap_npy_save(at("fits-v/000000.npy"), v, shape, ndim, NULL), PVX_OK);
+    free(v);
+    T_LE(volume_error("fits-v/000000.npy", 0, REC_BOX), 0.25);
+    static const struct cli_case cases[] = {
+        {"grey12 " EIGHT " --last 0", "--pixel-format Mono12", 0},
+        {"bright " EIGHT " --pixel-format Mono12",
+         "RGB16 image cannot be read as Mono12, but as RGB12", 1},
+        {"grey12 " EIGHT " --last 0 --pixel-format Mono10",
+         "cam0/000000.png: Mono10 image: a sample is 4095, but 10 bits end at 1023", 1},
+        {"upper " EIGHT " --last 0 --pixel-format RGB14", "or lie in the upper ones (RGB16)", 1},
+        {"bright " EIGHT " --black 5.1", "--black 5.1: should be 0 to 1, a share of full scale", 1},
+    };
+    CLI_CASES("reconstruct --rig rig.yaml --out x --quiet --frames", cases);
+}
+
 int main(void)
 {
     cli_begin();

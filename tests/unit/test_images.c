@@ -119,7 +119,7 @@ T_CASE(jpeg_that_nobody_asked_for)
     dmn_images_counts(im, count);
     T_EQ_I(count[1][DMN_IMAGE_JPEG_KIND], 1);
     static float want[W / BIN * (H / BIN) * 4];
-    struct cap_convert_params linear = {BIN, 3, CAP_TRANSFER_LINEAR, 0, NULL};
+    struct cap_convert_params linear = {.binning = BIN, .nch = 3, .transfer = CAP_TRANSFER_LINEAR};
     T_EQ_I(cap_convert(&store[0], &linear, 0, H / BIN, want), PVX_OK);
     T_EQ_I(memcmp(want, rec_frame_input(frame, 0), sizeof want), 0);
     dmn_images_free(&im);
@@ -235,6 +235,45 @@ T_CASE(a_black_level_of_floats)
     T_CONTAINS(dmn_images_why(im, 1), "RGB8 image, whose black level is a share");
     dmn_images_black(im, 1);
     T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 2);
+    dmn_images_free(&im);
+}
+
+/* Samples of 12 bits in 16: where they end is found while pictures come, in one row of eight of each, and counts as
+ * saturated from then on.  A sample above shows that it is not the end. */
+T_CASE(fewer_bits_than_the_format)
+{
+    dmn_images *im = NULL;
+    struct dmn_images_params p = {.nch = 3, .binning = BIN, .look = 8};
+    const struct cap_image *set[N] = {0};
+    static uint16_t px[W * H];
+    uint64_t mask;
+    for (size_t i = 0; i < W * H; i++)
+        px[i] = i / W == 20 && i % W < 8 ? 4095 : 400;
+    T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+    put(set, 0, px, sizeof px, CAP_GREY16);
+    int sets = 0;
+    for (; sets < 9 && dmn_images_bits(im, 0) == 0; sets++)
+        T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1);
+    T_LE(sets, 8);
+    T_EQ_I(dmn_images_bits(im, 0), 12);
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1);
+    T_NEAR(rec_frame_camera(frame, 0)->saturated, 4095 / 65535.0, 1e-7);
+    T_NEAR(rec_frame_input(frame, 0)[10 * (W / BIN) * 4], 4095 / 65535.0, 1e-7);
+    rec_frame_carve(frame);
+    T_EQ_I(rec_frame_get_report(frame)->saturated, 4);
+    rec_frame_reset(frame);
+    store[0].fmt = CAP_GREY12; /* as what it is: at full scale */
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1);
+    T_OK(rec_frame_input(frame, 0)[10 * (W / BIN) * 4] == 1 && dmn_images_saturated(im, 0) == 0);
+    rec_frame_reset(frame);
+    for (size_t y = 0; y < H; y++)
+        px[y * W + 9] = 5000;
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 0);
+    T_CONTAINS(dmn_images_why(im, 0), "Mono12 image: a sample is 5000, but 12 bits end at 4095");
+    store[0].fmt = CAP_GREY16;
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1);
+    T_EQ_I(dmn_images_bits(im, 0), 0);
+    rec_frame_reset(frame);
     dmn_images_free(&im);
 }
 

@@ -32,7 +32,7 @@ static void bed_init(struct bed *b, enum cap_pixfmt f, int binning, int nch)
     *b = (struct bed){.p = {.binning = binning, .nch = nch}};
     b->img = (struct cap_image){b->raw, n * 2, W, H, (ptrdiff_t)(n / H * 2), f, 0};
     for (size_t i = 0; i < n; i++) {
-        b->raw[i] = (uint16_t)t_uniform(1, sample_most(b) - 1);
+        b->raw[i] = (uint16_t)t_uniform(1, sample_most(b) - 100);
         b->dark[i] = 0.03f;
         b->flat[i] = 1;
     }
@@ -184,7 +184,7 @@ T_CASE(saturation_is_judged_by_raw_samples)
             unsigned full = sample_most(&b);
             for (size_t i = 0; i < W * H; i++) { /* nearly full and much vignetted: above 1 */
                 for (size_t c = 0; c < (size_t)b.c.channels; c++)
-                    b.raw[i * (size_t)b.c.channels + c] = (uint16_t)(full - 1);
+                    b.raw[i * (size_t)b.c.channels + c] = (uint16_t)(full - 64);
                 b.flat[i * (size_t)b.c.channels] = 0.3f;
             }
             b.raw[(5 * W + 4) * b.c.channels] = (uint16_t)full;

@@ -4,6 +4,7 @@
 
 #include <stdbool.h>
 
+#include "capture/pixel/depth.h"
 #include "capture/pixel/pixfmt.h"
 #include "tests/lib/likeness.h"
 
@@ -131,7 +132,7 @@ static float channel(const struct picture *pic, int b, int X, int Y, int c, bool
                 continue;
             int at = mirrored(y, h) * w + mirrored(x, w);
             double value = pic->sample[at * per + (bayer ? 0 : c)];
-            *saturated |= full > 0 && value == full;
+            *saturated |= full > 0 && value >= (full == 65535 ? CAP_CLIP_16 : full);
             if (isfinite(value)) {
                 sum += part * value;
                 weight += part;
@@ -260,7 +261,7 @@ T_CASE(packed_bytes_by_hand)
         {CAP_GREY12CSI, 2, {0x12, 0xAB, 0xC3}, {0x123, 0xABC}},
         {CAP_GREY10, 2, {0x34, 0x02, 0xFE, 0x03}, {0x234, 0x3FE}},
         {CAP_GREY14, 2, {0x34, 0x12, 0xFE, 0x3F}, {0x1234, 0x3FFE}},
-        {CAP_GREY16, 2, {0x34, 0x12, 0xFE, 0xFF}, {0x1234, 0xFFFE}},
+        {CAP_GREY16, 2, {0x34, 0x12, 0xBF, 0xFF}, {0x1234, 0xFFBF}},
     };
     for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) {
         enum cap_pixfmt f = known[k].f;
@@ -292,6 +293,51 @@ T_CASE(garbage_above_the_samples_is_saturation)
     T_EQ_I(cap_bin(&img, 2, 3, 0, 1, rgb), PVX_OK);
     T_OK(rgb[0] == 1.0f && rgb[1] == 1.0f && rgb[3] == 0.0f);
     T_NEAR(rgb[2], 512.0 / 1023, 1e-7);
+}
+
+/* Sensors of 10, 12 and 14 bits in 16, in the upper bits and in the lower: one saturated sample shows in its bin. */
+T_CASE(fewer_bits_in_sixteen)
+{
+    for (int bits = 10; bits <= 14; bits += 2)
+        for (int low = 0; low < 2; low++) {
+            uint16_t px[4 * 4 * 3], top = (uint16_t)((1 << bits) - 1);
+            if (!low)
+                top = (uint16_t)(top << (16 - bits));
+            for (size_t i = 0; i < 48; i++)
+                px[i] = top / 4;
+            px[7] = px[16] = top; /* in rows 0 and 1: green of the pixels 2 and 1 */
+            struct cap_image img = {px, sizeof px, 4, 4, 24, CAP_RGB16, 0};
+            struct cap_depth d = {0}, e = {0};
+            cap_depth_look(&d, &img, 0, 4, 2);
+            cap_depth_look(&e, &img, 1, 4, 2);
+            T_EQ_I(d.n * 10 + e.n, 11);
+            cap_depth_join(&d, &e);
+            T_EQ_I(d.top, top);
+            T_EQ_I(d.n, 2);
+            T_EQ_I(cap_depth_bits(&d, 2), low ? bits : 0);
+            T_EQ_I(cap_depth_bits(&d, 3), 0);
+            struct cap_convert_params p = {.binning = 2, .nch = 3, .clip = low ? top : 0};
+            float out[16], full = low ? (float)top / 65535 : 1;
+            T_EQ_I(cap_convert(&img, &p, 0, 2, out), PVX_OK);
+            T_EQ_I(cap_saturated(&img, &p) == full, 1);
+            T_OK(out[4 + 1] ==
+                 full); /* px[7]: green of the second pixel pair; px[28]: of the third row */
+            T_NEAR(out[0], (top / 4) / 65535.0, 1e-6);
+            /* read as what it is */
+            img.fmt = cap_pixfmt_of_depth(CAP_RGB16, bits);
+            T_EQ_I(cap_pixfmt_depth(img.fmt) * 10 + cap_pixfmt_channels(img.fmt), bits * 10 + 3);
+            T_OK(cap_pixfmt_fits(CAP_RGB16, img.fmt) && !cap_pixfmt_fits(CAP_GREY16, img.fmt));
+            T_EQ_I(
+                cap_convert(&img, &(struct cap_convert_params){.binning = 2, .nch = 3}, 0, 2, out),
+                PVX_OK);
+            T_OK(out[4 + 1] == 1);
+            if (low)
+                T_NEAR(out[0], (top / 4) / (double)top, 1e-6);
+        }
+    T_EQ_I(cap_pixfmt_of_depth(CAP_BAYER_GB16, 12), CAP_BAYER_GB12);
+    T_EQ_I(cap_pixfmt_of_depth(CAP_GREY16, 14), CAP_GREY14);
+    T_EQ_I(cap_pixfmt_of_depth(CAP_GREY8, 12), CAP_FMT_NONE);
+    T_EQ_I(cap_pixfmt_from_pfnc(0x0230001a), CAP_RGB12);
 }
 
 static double clip(double v)
@@ -372,7 +418,7 @@ T_CASE(averages_are_of_light)
     T_NEAR(out[0], srgb(254.0 / 255) / 2, 1e-6);
     T_EQ_I(cap_bin(&img, 1, 1, 0, 2, one), PVX_OK);
     T_NEAR(one[1], srgb(254.0 / 255), 1e-6);
-    struct cap_convert_params p = {2, 1, CAP_TRANSFER_LINEAR, 0, NULL};
+    struct cap_convert_params p = {.binning = 2, .nch = 1, .transfer = CAP_TRANSFER_LINEAR};
     T_EQ_I(cap_convert(&img, &p, 0, 1, out), PVX_OK); /* the user knows better */
     T_NEAR(out[0], 127.0 / 255, 1e-6);
     img.yuv = 0;
@@ -389,7 +435,7 @@ T_CASE(rays_have_one_channel)
 {
     uint8_t px[4] = {10, 20, 255, 40};
     struct cap_image img = {px, 4, 2, 2, 2, CAP_BAYER_GR8, 0};
-    struct cap_convert_params p = {1, 3, CAP_TRANSFER_AUTO, CAP_MOSAIC_RAYS, NULL};
+    struct cap_convert_params p = {.binning = 1, .nch = 3, .mosaic = CAP_MOSAIC_RAYS};
     float out[4][4];
     T_EQ_I(cap_convert(&img, &p, 0, 2, out[0]), PVX_OK);
     static const int own[4] = {1, 0, 2, 1};

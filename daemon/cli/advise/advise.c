@@ -24,10 +24,21 @@ static void advise_line(const char *term, const char *verdict)
 
 static void advise_say_light(const struct flame_sets *s, const struct advice *a)
 {
-    bool dim = a->brightest < 0.2 && a->saturated < ADVISE_SATURATED && !s->floats;
-    advise_line("exposure", dim ? "raise" : a->saturated > 0.05 ? "lower" : "fine");
+    int bits = cap_depth_bits(&s->depth, 1);
+    const char *exposure = advise_exposure(s, a);
+    advise_line("exposure", exposure);
     printf("the brightest pixel is at %.0f %% of full scale, noise at %.2f %%\n",
            100 * a->brightest, 100 * a->sigma);
+    unsigned top = s->depth.top;
+    if (bits > 0)
+        printf("%-23s these are %d bits in 16, saturated at %u: measure again with --pixel-format "
+               "Mono%d (colour: RGB%d)\n",
+               "", bits, top, bits, bits);
+    else if (exposure[0] == 'r' && top > 0 && top < 1u << 12)
+        printf("%-23s no sample is above %u: if the cameras have %d bits, measure again with "
+               "--pixel-format Mono%d (colour: RGB%d) first\n",
+               "", top, top < 1u << 10 ? 10 : 12, top < 1u << 10 ? 10 : 12,
+               top < 1u << 10 ? 10 : 12);
     advise_line("saturated", a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
     printf("%.1f %% of the flame's pixels are at full scale\n", 100 * a->saturated);
     double level = a->level[a->darkest];

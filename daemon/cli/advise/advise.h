@@ -83,6 +83,8 @@ struct advice {
 /* Black levels are subtracted, bodies masked and gains put into s->rig as they are found, so that each term is judged
  * with the others already corrected.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */
 PVX_MUST_CHECK pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* "raise", "lower" or "fine". */
+const char *advise_exposure(const struct flame_sets *s, const struct advice *a);
 /* The part of advise_measure about light: pictures, absorption, gains. */
 PVX_MUST_CHECK pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* Find the dark bodies before each camera.  found [REC_MAX_CAMERAS].  Their bins become NaN in all sets. */

@@ -78,6 +78,13 @@ static pvx_err measure_pictures(rec_unseen *u, struct flame_sets *s, struct advi
     return e;
 }
 
+const char *advise_exposure(const struct flame_sets *s, const struct advice *a)
+{
+    bool dim = a->brightest < 0.2 && a->saturated < ADVISE_SATURATED && !s->floats &&
+               cap_depth_bits(&s->depth, 1) == 0;
+    return dim ? "raise" : a->saturated > 0.05 ? "lower" : "fine";
+}
+
 /* Subtract the black levels from the pictures for all that follows. */
 static void measure_subtract(struct flame_sets *s, const struct advice *a)
 {

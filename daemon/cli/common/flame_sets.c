@@ -87,6 +87,16 @@ static void blank_saturated(const struct flame_sets *s, const struct dmn_images 
             picture[i] = NAN;
 }
 
+/* Where pictures are saturated below full scale (fewer bits in 16), set those bins to full scale. */
+static void flame_sets_fill(const struct flame_sets *s, const struct dmn_images *images, size_t c,
+                            float *picture)
+{
+    float top = dmn_images_saturated(images, c);
+    for (size_t i = 0; i < s->bins[c] * (s->nch == 3 ? 4 : 1) && top > 0; i++)
+        if (picture[i] >= 0.999F * top)
+            picture[i] = 1;
+}
+
 static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const *background,
                         struct pvx_diag *d)
 {
@@ -106,6 +116,8 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
             }
             if (s->light != NULL)
                 blank_saturated(s, in->images, c, at[c]);
+            else
+                flame_sets_fill(s, in->images, c, at[c]);
             if (background[c] != NULL || black > 0)
                 flame_sets_subtract(at[c], black, background[c], s->bins[c],
                                     s->light != NULL ? INFINITY : REC_PHOTO_FULL);
@@ -123,6 +135,8 @@ static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in
     float *background[REC_MAX_CAMERAS] = {0};
     const struct flame_sets_args *a = s->a;
     PVX_TRY(frames_in_open(in, a->frames, a->first, a->last, s->kinds, d));
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        cap_depth_join(&s->depth, &in->depth[c]);
     s->there = in->n;
     s->nch = in->nch;
     s->floats = s->light != NULL;

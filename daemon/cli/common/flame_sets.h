@@ -49,6 +49,7 @@ struct flame_sets {
     const float *given[REC_MAX_CAMERAS];
     size_t bins[REC_MAX_CAMERAS]; /* of a picture */
     bool floats;
+    struct cap_depth depth; /* of the samples in words of 16 bits, all cameras */
     struct cli_progress bar;
 };
 

@@ -238,9 +238,12 @@ static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_l
     if (f->how.fmt == CAP_FMT_NONE)
         return PVX_OK;
     pvx_err e = PVX_OK;
+    enum cap_pixfmt other = cap_pixfmt_of_depth(l->img.fmt, cap_pixfmt_depth(f->how.fmt));
     if (!cap_pixfmt_fits(l->img.fmt, f->how.fmt))
-        e = pvx_fail(d, PVX_EINVAL, "%s: a %s image cannot be read as %s", path,
-                     cap_pixfmt_name(l->img.fmt), cap_pixfmt_name(f->how.fmt));
+        e = pvx_fail(d, PVX_EINVAL, "%s: a %s image cannot be read as %s%s%s", path,
+                     cap_pixfmt_name(l->img.fmt), cap_pixfmt_name(f->how.fmt),
+                     other == CAP_FMT_NONE ? "" : ", but as ",
+                     other == CAP_FMT_NONE ? "" : cap_pixfmt_name(other));
     l->img.fmt = f->how.fmt;
     if (e != PVX_OK)
         cap_loaded_free(l);
@@ -274,12 +277,34 @@ static void frames_in_load_set(struct frames_in *f, size_t i)
     pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
 }
 
+/* The pictures of the cameras in `which` end at so many bits: say it, once. */
+static void frames_in_say_bits(const struct frames_in *f, uint64_t which, int bits,
+                               enum cap_pixfmt fmt)
+{
+    static bool said;
+    char names[200] = "";
+    for (size_t c = 0; c < f->rig->n_cameras && !said; c++)
+        if (which >> c & 1 && strlen(names) + REC_NAME_MAX < sizeof names)
+            snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
+                     names[0] == '\0' ? "" : ", ", f->rig->cameras[c].name);
+    if (!said)
+        fprintf(stderr,
+                "pyrovox: %s: samples of %s go up to %d and stop there: these are %d bits in 16, "
+                "saturated at %d. --pixel-format %s reads them, so that this is full scale\n",
+                f->dir, names, (1 << bits) - 1, bits, (1 << bits) - 1,
+                cap_pixfmt_name(cap_pixfmt_of_depth(fmt, bits)));
+    said = true;
+}
+
 /* After a set: report the images that could not be used, the first one in *first, and free all images. */
 static void frames_in_let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 {
     for (size_t c = 0; c < f->rig->n_cameras; c++) {
         char room[CAP_REEL_NAME];
         struct pvx_diag *why = &f->why[c];
+        int bits = dmn_images_bits(f->images, c);
+        if (f->image[c] != NULL && bits > 0)
+            frames_in_say_bits(f, 1ull << c, bits, f->image[c]->fmt);
         if (f->image[c] != NULL && !(mask >> c & 1))
             pvx_fail(why, PVX_EINVAL, "%s: %s", frames_in_name_of(f, f->at, c, room),
                      dmn_images_why(f->images, c));
@@ -491,15 +516,19 @@ static void frames_in_compare(const struct cap_image *img, struct frames_in_seen
 }
 
 /* Note a picture.  Returns whether more pictures of this camera can say more. */
-static bool frames_in_note(const struct cap_image *img, struct frames_in_seen *s)
+static bool frames_in_note(const struct cap_image *img, struct frames_in_seen *s,
+                           struct cap_depth *depth)
 {
     enum cap_layout l = cap_pixfmt_layout(img->fmt);
+    bool words = cap_pixfmt_depth(img->fmt) == 16;
     bool three = cap_pixfmt_channels(img->fmt) == 3 && cap_pixfmt_bayer(img->fmt) == NULL &&
                  (l == CAP_LAYOUT_8 || l == CAP_LAYOUT_16 || l == CAP_LAYOUT_F32);
     s->fmt = s->fmt == CAP_FMT_NONE ? img->fmt : s->fmt;
     if (three)
         frames_in_compare(img, s);
-    return three && s->different == 0;
+    if (words)
+        cap_depth_look(depth, img, 0, img->height, 1);
+    return words || (three && s->different == 0);
 }
 
 /* Look at some of camera c's pictures, at least one that can be read. */
@@ -527,7 +556,7 @@ static void look_piece(void *ctx, size_t c)
             f->why[c] = f->why[c].text[0] == '\0' ? why : f->why[c];
             continue;
         }
-        more = frames_in_note(&l.img, s);
+        more = frames_in_note(&l.img, s, &f->depth[c]);
         cap_loaded_free(&l);
     }
 }
@@ -570,6 +599,17 @@ static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
     f->seen = seen;
     pvx_pool_run(f->pool, f->rig->n_cameras, look_piece, f);
     f->seen = NULL;
+    for (int bits = 10; bits <= 14; bits += 2) {
+        uint64_t which = 0;
+        enum cap_pixfmt fmt = CAP_FMT_NONE;
+        for (size_t c = 0; c < f->rig->n_cameras; c++)
+            if (cap_depth_bits(&f->depth[c], 1) == bits) {
+                which |= 1ull << c;
+                fmt = seen[c].fmt;
+            }
+        if (which != 0)
+            frames_in_say_bits(f, which, bits, fmt);
+    }
     for (size_t c = 0; c < f->rig->n_cameras; c++) {
         enum cap_pixfmt fmt = seen[c].fmt;
         bad = bad == REC_MAX_CAMERAS && f->why[c].text[0] != '\0' ? c : bad;
@@ -685,7 +725,10 @@ pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mo
     dmn_images_free(&f->images);
     f->binning = binning;
     f->mosaic = mosaic;
-    return dmn_images_new(&p, f->rig, f->pool, &f->images, d);
+    PVX_TRY(dmn_images_new(&p, f->rig, f->pool, &f->images, d));
+    for (size_t c = 0; c < f->rig->n_cameras; c++)
+        dmn_images_seen(f->images, c, &f->depth[c]);
+    return PVX_OK;
 }
 
 bool frames_in_complete(const struct frames_in *f, size_t i)

@@ -42,8 +42,8 @@ struct frames_in_reading {
     {"first", "N", CLI_AT(T, first), 0, FRAMES_IN_LAST, "first frame number"},                     \
     {"last", "N", CLI_AT(T, last), 0, FRAMES_IN_LAST, "last frame number"},                        \
     {"pixel-format", "NAME", offsetof(T, reading.fmt), CLI_PIXFMT, 0, 0,                            \
-     "read grey images as this format: BayerRG8 for raw pictures of a colour camera, Mono12 for "  \
-     "12 bits in 16 ..."},                                                                         \
+     "read images as this format: BayerRG8 for raw pictures of a colour camera, Mono12 for "  \
+     "12 bits in 16, RGB12 for 12 bits in 16 with colour ..."},                                    \
     {"transfer", "auto|linear|srgb|bt709", CLI_AT(T, reading.transfer), 0, 0,                      \
      "how sample values represent light (auto: srgb for JPEG files, linear for all others)"},      \
     {"numbers", CAP_NUMBERS, CLI_AT(T, reading.numbers), 0, 0,                                     \
@@ -75,7 +75,9 @@ struct frames_in {
     cap_take *take;              /* instead */
     int take_camera[REC_MAX_CAMERAS];
     enum frames_in_kinds kinds;
-    int nch; /* 1 or 3 */
+    struct cap_depth
+        depth[REC_MAX_CAMERAS]; /* of the samples in words of 16 bits, as far as looked at */
+    int nch;                    /* 1 or 3 */
     atomic_bool stop;
 
     int32_t binning;
