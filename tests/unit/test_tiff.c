@@ -21,6 +21,7 @@ struct kind {
     bool big_endian, big, counts;
     const char *text;
     const float *levels;
+    const uint16_t *map[3];
 };
 
 static void put_bits(unsigned char *p, size_t at, unsigned bits, uint64_t v)
@@ -94,6 +95,8 @@ static void add_page(TIFF *t, const struct kind *k, unsigned page)
         TIFFSetField(t, TIFFTAG_PREDICTOR, k->predictor);
     if (k->fill > 0)
         TIFFSetField(t, TIFFTAG_FILLORDER, k->fill);
+    if (k->map[0] != NULL)
+        TIFFSetField(t, TIFFTAG_COLORMAP, k->map[0], k->map[1], k->map[2]);
     if (k->levels != NULL)
         TIFFSetField(t, TIFFTAG_REFERENCEBLACKWHITE, k->levels);
     if (k->text != NULL)
@@ -397,6 +400,61 @@ T_CASE(strange_tags_are_refused)
         T_OK(is_refused("strange.tif", bad[i].says, bad[i].e));
     }
 }
+/* A tile of the size of the picture, which is no multiple of 16: libtiff writes none, others do. */
+T_CASE(tiles_of_any_size)
+{
+    const struct kind grey = {.photometric = 1, .samples = 1, .bits = 16, .orientation = 1};
+    struct cap_loaded l;
+    write_tiff("tile.tif", &grey, 1);
+    retag("tile.tif", 278, 322, 1, W);
+    retag("tile.tif", 274, 323, 1, H);
+    retag("tile.tif", 273, 324, 1, 8);
+    retag("tile.tif", 279, 325, 1, W * H * 2);
+    T_EQ_I(cap_image_load(at("tile.tif"), &l, NULL), PVX_OK);
+    T_NEAR(off(&l.img, 1, 0), 0, 1e-5);
+    cap_loaded_free(&l);
+}
+
+/* A map of colours of 16 bits, or, as some write it, of 8.  A chain of pages that leads back ends. */
+T_CASE(maps_and_circles)
+{
+    struct kind map = {.photometric = PHOTOMETRIC_PALETTE, .samples = 1, .bits = 4};
+    static uint16_t red[16], green[16], blue[16];
+    struct cap_loaded l;
+    for (unsigned wide = 0; wide < 2; wide++) {
+        for (unsigned i = 0; i < 16; i++) {
+            red[i] = (uint16_t)(i * (wide ? 4369 : 17));
+            green[i] = (uint16_t)(i * (wide ? 4097 : 9));
+            blue[i] = (uint16_t)(i * (wide ? 257 : 1));
+        }
+        map.map[0] = red;
+        map.map[1] = green;
+        map.map[2] = blue;
+        write_tiff("map.tif", &map, 1);
+        T_EQ_I(cap_image_load(at("map.tif"), &l, NULL), PVX_OK);
+        T_EQ_I(l.img.fmt, CAP_RGB16);
+        int wrong = 0;
+        for (unsigned i = 0; i < W * H && l.img.fmt == CAP_RGB16; i++) {
+            unsigned v = (truth(i % W, i / W, 0, 0) * 15 + 32767) / 65535;
+            const uint16_t *p = (const uint16_t *)l.img.data + (size_t)3 * i, by = wide ? 1 : 257;
+            wrong += p[0] != red[v] * by || p[1] != green[v] * by || p[2] != blue[v] * by;
+        }
+        T_EQ_I(wrong, 0);
+        cap_loaded_free(&l);
+    }
+    char *b;
+    size_t n;
+    uint32_t folder;
+    uint16_t entries;
+    T_EQ_I(pvx_file_read(at("map.tif"), 1 << 20, &b, &n, NULL), PVX_OK);
+    memcpy(&folder, b + 4, 4);
+    memcpy(&entries, b + folder, 2);
+    memcpy(b + folder + 2 + 12 * entries, &folder, 4);
+    T_EQ_I(pvx_file_write(at("circle.tif"), b, n, NULL), PVX_OK);
+    free(b);
+    T_OK(is_refused("circle.tif", "lead back", PVX_ECORRUPT));
+}
+
 int main(void)
 {
     char exe[200], lib[256];
