@@ -226,11 +226,15 @@ static pvx_err tiff_check_tags(struct tiff *t, struct pvx_diag *d)
     t->planes = PLANARCONFIG_CONTIG;
     TIFFGetField(t->tif, TIFFTAG_IMAGEWIDTH, &t->width);
     TIFFGetField(t->tif, TIFFTAG_IMAGELENGTH, &t->height);
-    if (t->width == 0 || t->height == 0 ||
-        !TIFFGetField(t->tif, TIFFTAG_PHOTOMETRIC, &t->photometric))
-        return pvx_fail(d, PVX_ECORRUPT,
-                        "%s: its tags are damaged or cut: no size or no samples in them", t->name);
+    if (t->width == 0 || t->height == 0)
+        return pvx_fail(d, PVX_ECORRUPT, "%s: damaged: it has no size", t->name);
+    /* Again: a tag may be there twice. */
     PVX_TRY(cap_picture_fits(t->width, t->height, t->b->n, t->name, d));
+    if (!TIFFGetField(t->tif, TIFFTAG_PHOTOMETRIC, &t->photometric))
+        return pvx_fail(d, PVX_ECORRUPT,
+                        "%s: does not say what its samples mean (PhotometricInterpretation): save "
+                        "it again",
+                        t->name);
     TIFFGetFieldDefaulted(t->tif, TIFFTAG_SAMPLESPERPIXEL, &t->samples);
     TIFFGetFieldDefaulted(t->tif, TIFFTAG_BITSPERSAMPLE, &t->bits);
     TIFFGetFieldDefaulted(t->tif, TIFFTAG_SAMPLEFORMAT, &t->format);

@@ -268,20 +268,9 @@ T_CASE(paced_frames_come_in_real_time)
     scratch_remove();
 }
 
-/* Needs the OpenCV module beside the build. */
 T_CASE(png_folder_and_bayer)
 {
-#ifdef __SANITIZE_THREAD__
-    T_SKIP("libraries under FFmpeg order their own locks in ways that ThreadSanitizer reports");
-#endif
     begin();
-    float px[W * H] = {0};
-    struct pvx_diag d = {""};
-    if (cap_image_save(path_of(0, 0, "png"), px, W, H, 1, &d) == PVX_EUNSUP) {
-        scratch_remove();
-        T_SKIP("the module of films is not there");
-    }
-    T_EQ_S(d.text, "");
     write_images(2, 10, "png");
     cameras(2, true);
     snprintf(r.uri[0], sizeof r.uri[0], "files:%s/cam0", dir);

@@ -387,7 +387,7 @@ T_CASE(strange_tags_are_refused)
                {277, 277, 1, 3, PVX_ECORRUPT, "ByteCounts"},
                {279, 279, 1, 479, PVX_ECORRUPT, "ByteCounts"},
                {279, 1279, 1, 480, PVX_ECORRUPT, "ByteCounts"},
-               {262, 1262, 1, 1, PVX_ECORRUPT, "no samples"},
+               {262, 1262, 1, 1, PVX_ECORRUPT, "does not say what its samples mean"},
                {262, 262, 1, 999, PVX_EUNSUP, "unknown (PhotometricInterpretation 999)"},
                {339, 339, 1, 9, PVX_ECORRUPT, "SampleFormat"},
                {273, 273, 1, 1 << 20, PVX_ECORRUPT, "damaged"},
