@@ -41,15 +41,54 @@ struct cap_video {
     struct film *film;
 };
 
-/* Check the size of an animated PNG before libavformat, which decodes a picture on opening, allocates one. */
-static pvx_err film_check_png(const char *path, uint64_t bytes, struct pvx_diag *d)
+/* A number of EBML (RFC 8794), which says its own length; UINT64_MAX: not known. */
+static uint64_t film_ebml(const uint8_t *b, size_t n, size_t *at)
 {
-    unsigned char b[24];
+    unsigned len = *at < n && b[*at] != 0 ? (unsigned)__builtin_clz(b[*at]) - 23 : 9;
+    if (len > 8 || n - *at < len)
+        return UINT64_MAX;
+    uint64_t v = b[*at] & (0xFFu >> len);
+    for (unsigned i = 1; i < len; i++)
+        v = v << 8 | b[*at + i];
+    *at += len;
+    return v == (1ull << 7 * len) - 1 ? UINT64_MAX : v;
+}
+
+/* How long a file says that it is; 0: it does not.  FFmpeg ends a cut Matroska or AVI film without an error. */
+static uint64_t film_says_bytes(const uint8_t *b, size_t n)
+{
+    if (n >= 12 && memcmp(b, "RIFF", 4) == 0) {
+        uint32_t size =
+            (uint32_t)b[4] | (uint32_t)b[5] << 8 | (uint32_t)b[6] << 16 | (uint32_t)b[7] << 24;
+        return size == UINT32_MAX ? 0 : size + 8ull - size % 2;
+    }
+    size_t at = 4;
+    if (n < 12 || memcmp(b, "\x1a\x45\xdf\xa3", 4) != 0)
+        return 0;
+    uint64_t head = film_ebml(b, n, &at);
+    if (head > n || n - at < head + 4 || memcmp(b + at + head, "\x18\x53\x80\x67", 4) != 0)
+        return 0;
+    at += head + 4;
+    uint64_t size = film_ebml(b, n, &at);
+    return size > INT64_MAX - n ? 0 : size + at;
+}
+
+/* Check the length, and the size of an animated PNG before libavformat, which decodes a picture on opening, allocates
+ * one. */
+static pvx_err film_check_head(const char *path, uint64_t bytes, struct pvx_diag *d)
+{
+    uint8_t b[256];
     uint32_t width, height;
     FILE *f = fopen(path, "rb");
     size_t n = f != NULL ? fread(b, 1, sizeof b, f) : 0;
     if (f != NULL)
         fclose(f);
+    uint64_t says = film_says_bytes(b, n);
+    if (says > bytes)
+        return pvx_fail(d, PVX_ECORRUPT,
+                        "%s: cut: says it has %llu bytes, but has %llu; record it again, or save "
+                        "the frames that are there: ffmpeg -i IN -c copy OUT.mkv",
+                        path, (unsigned long long)says, (unsigned long long)bytes);
     cap_picture_png(b, n, &width, &height);
     return cap_picture_fits(width, height, bytes, path, d);
 }
@@ -61,7 +100,7 @@ static pvx_err film_check_file(const char *path, uint64_t *bytes, struct pvx_dia
         return pvx_fail(d, PVX_ENOENT, "%s: no such video file, or not readable", path);
     PVX_TRY(pvx_file_check(path, d));
     *bytes = (uint64_t)st.st_size;
-    PVX_TRY(film_check_png(path, *bytes, d));
+    PVX_TRY(film_check_head(path, *bytes, d));
     return film_need_module(path, d);
 }
 

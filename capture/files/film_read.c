@@ -54,8 +54,8 @@ static pvx_err film_damaged(const struct film *f, int code, struct pvx_diag *d)
 static pvx_err film_times_missing(const char *path, int64_t frame, struct pvx_diag *d)
 {
     return pvx_fail(d, PVX_EUNSUP,
-                    "%s: frame %lld has no time of presentation of its own; write the film again: "
-                    "ffmpeg -i IN -c:v ffv1 OUT.mkv",
+                    "%s: frame %lld has no time of presentation of its own (an AVI has none with "
+                    "B-frames); write the film again: ffmpeg -i IN -c:v ffv1 OUT.mkv",
                     path, (long long)frame);
 }
 
@@ -143,7 +143,8 @@ static pvx_err film_open_file(const char *path, uint64_t bytes, AVFormatContext 
     return cap_picture_fits((uint32_t)c->width, (uint32_t)c->height, bytes, path, d);
 }
 
-/* The next packet of the stream; AVERROR_EOF: there is none. */
+/* The next packet of the stream; AVERROR_EOF: there is none.  AVI has only times of decoding.  Where no frame waits for
+ * another, they are those of presentation. */
 static int film_read_packet(AVFormatContext *file, const AVStream *stream, AVPacket *packet)
 {
     int e;
@@ -151,6 +152,8 @@ static int film_read_packet(AVFormatContext *file, const AVStream *stream, AVPac
         av_packet_unref(packet);
     if (e >= 0 && (packet->flags & AV_PKT_FLAG_CORRUPT) != 0)
         return AVERROR_INVALIDDATA;
+    if (e >= 0 && packet->pts == AV_NOPTS_VALUE && stream->codecpar->video_delay == 0)
+        packet->pts = packet->dts;
     return e;
 }
 
@@ -419,7 +422,6 @@ static pvx_err film_open_codec(struct film *f, uint64_t bytes, struct pvx_diag *
     f->codec->pkt_timebase = f->stream->time_base;
     f->codec->flags |= AV_CODEC_FLAG_UNALIGNED; /* else a crop at the left is rounded */
     f->codec->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;
-    f->codec->error_concealment = 0;
     f->codec->max_pixels = film_max_pixels(bytes);
     f->codec->thread_type = FF_THREAD_SLICE; /* of one frame: no delay, and errors come at once */
     f->codec->thread_count = FILM_THREADS;
