@@ -20,34 +20,25 @@ static bool pixels_grey_palette(const AVFrame *f)
     return true;
 }
 
+/* All entries alike: there is no palette. */
+static bool pixels_no_palette(const AVFrame *f)
+{
+    const uint32_t *argb = (const uint32_t *)(const void *)f->data[1];
+    return memcmp(argb, argb + 1, 255 * sizeof *argb) == 0;
+}
+
 static bool pixels_indexed(const AVPixFmtDescriptor *desc)
 {
     return (desc->flags & AV_PIX_FMT_FLAG_PAL) != 0;
-}
-
-static enum cap_pixfmt pixels_bayer(int format)
-{
-    switch (format) {
-    case AV_PIX_FMT_BAYER_RGGB8: return CAP_BAYER_RG8;
-    case AV_PIX_FMT_BAYER_GRBG8: return CAP_BAYER_GR8;
-    case AV_PIX_FMT_BAYER_GBRG8: return CAP_BAYER_GB8;
-    case AV_PIX_FMT_BAYER_BGGR8: return CAP_BAYER_BG8;
-    case AV_PIX_FMT_BAYER_RGGB16LE: return CAP_BAYER_RG16;
-    case AV_PIX_FMT_BAYER_GRBG16LE: return CAP_BAYER_GR16;
-    case AV_PIX_FMT_BAYER_GBRG16LE: return CAP_BAYER_GB16;
-    case AV_PIX_FMT_BAYER_BGGR16LE: return CAP_BAYER_BG16;
-    default: return CAP_FMT_NONE;
-    }
 }
 
 static enum cap_pixfmt pixels_format(const AVPixFmtDescriptor *desc, const AVFrame *f)
 {
     bool grey = pixels_indexed(desc) ? pixels_grey_palette(f) : desc->nb_components < 3;
     int depth = desc->comp[0].depth;
-    if ((desc->flags & AV_PIX_FMT_FLAG_HWACCEL) != 0 || strncmp(desc->name, "xyz", 3) == 0)
+    if ((desc->flags & (AV_PIX_FMT_FLAG_HWACCEL | AV_PIX_FMT_FLAG_BAYER)) != 0 ||
+        strncmp(desc->name, "xyz", 3) == 0 || (pixels_indexed(desc) && pixels_no_palette(f)))
         return CAP_FMT_NONE;
-    if ((desc->flags & AV_PIX_FMT_FLAG_BAYER) != 0)
-        return pixels_bayer(f->format);
     if ((desc->flags & AV_PIX_FMT_FLAG_FLOAT) != 0)
         return depth != 32 ? CAP_FMT_NONE : grey ? CAP_GREY_F32 : CAP_RGB_F32;
     return depth > 16  ? CAP_FMT_NONE
@@ -150,11 +141,6 @@ static pvx_err pixels_turn(const char *path, const AVFrame *f, const int32_t *ma
                         "%s: says that it is shown turned by %.4g degrees or distorted; only "
                         "quarters of a turn are read: ffmpeg -i IN -c:v ffv1 OUT.mkv turns it",
                         path, -av_display_rotation_get(matrix));
-    if (!(upright && a > 0 && e > 0) && (p->desc->flags & AV_PIX_FMT_FLAG_BAYER) != 0)
-        return pvx_fail(d, PVX_EUNSUP,
-                        "%s: a mosaic of colours (%s) that says it is shown turned; remove the "
-                        "turn from the file, and calibrate with such films",
-                        path, p->desc->name);
     p->width = upright ? f->width : f->height;
     p->height = upright ? f->height : f->width;
     p->right = upright ? (a > 0 ? 1 : -1) : (b > 0 ? p->width : -p->width);
@@ -291,14 +277,8 @@ static void pixels_place(const struct film_pixels *p, int w, int y, int nch)
 void film_pixels_read(struct film_pixels *p, const AVFrame *frame, struct cap_image *img)
 {
     size_t row = cap_pixfmt_row(p->fmt, p->width);
-    bool mosaic = (p->desc->flags & AV_PIX_FMT_FLAG_BAYER) != 0;
-    int nch = mosaic ? 1 : cap_pixfmt_channels(p->fmt);
+    int nch = cap_pixfmt_channels(p->fmt);
     for (int y = 0; y < frame->height; y++) {
-        if (mosaic) {
-            memcpy((uint8_t *)p->out + (size_t)y * row,
-                   frame->data[0] + (ptrdiff_t)y * frame->linesize[0], row);
-            continue;
-        }
         pixels_row(p, frame, y, nch);
         pixels_place(p, frame->width, y, nch);
     }

@@ -1,11 +1,14 @@
 /* film_read.c - reads films with libavformat and libavcodec; see film.h.
  *
- * What a film says about its frames is obeyed or refused by name: files/README.md has the table.  A frame that the
- * decoder reports as damaged, or does not give at all, ends the film with an error: no picture stands for another. */
+ * What a film says about its frames is obeyed or refused by name: files/README.md has the table.  A frame that is
+ * damaged, or that the decoder does not give at all, ends the film with an error: no picture stands for another.
+ * Of some damage FFmpeg tells its log only (a wrong checksum of FFV1, whose slice it then takes from the frame before).
+ * So its log is read: a line about a film at the level of errors is damage. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/avstring.h>
 #include <libavutil/stereo3d.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,8 +20,15 @@
 #define FILM_THREADS 4
 #define FILM_WAITING 256 /* packets whose frames have not come: a decoder holds 16 to 32 */
 
+/* The first line of the log that is an error.  The decoder's threads write it. */
+struct film_said {
+    atomic_bool begun, done;
+    char text[160];
+};
+
 struct film {
     char *path;
+    struct film_said said;
     AVFormatContext *file;
     AVStream *stream; /* of it */
     AVCodecContext *codec;
@@ -45,10 +55,26 @@ static pvx_err film_refuse(const struct film *f, const char *what, struct pvx_di
 
 static pvx_err film_damaged(const struct film *f, int code, struct pvx_diag *d)
 {
+    char why[AV_ERROR_MAX_STRING_SIZE] = "";
+    av_strerror(code, why, sizeof why);
     return pvx_fail(d, code == AVERROR(ENOMEM) ? PVX_ENOMEM : PVX_ECORRUPT,
                     "%s: frame %lld: damaged or cut (%s); the film is read up to it; cut it there, "
                     "or record it again",
-                    f->path, (long long)f->frames, av_err2str(code));
+                    f->path, (long long)f->frames, f->said.done ? f->said.text : why);
+}
+
+static void film_log(void *about, int level, const char *format, va_list args)
+{
+    const AVClass *class = about != NULL ? *(const AVClass *const *)about : NULL;
+    struct film_said *said = class == NULL                   ? NULL
+                             : class == avcodec_get_class()  ? ((AVCodecContext *)about)->opaque
+                             : class == avformat_get_class() ? ((AVFormatContext *)about)->opaque
+                                                             : NULL;
+    if (level > AV_LOG_ERROR || said == NULL || atomic_exchange(&said->begun, true))
+        return;
+    vsnprintf(said->text, sizeof said->text, format, args);
+    said->text[strcspn(said->text, "\n")] = '\0';
+    said->done = true;
 }
 
 static pvx_err film_times_missing(const char *path, int64_t frame, struct pvx_diag *d)
@@ -190,9 +216,10 @@ static pvx_err film_add_time(int64_t **t, size_t *n, int64_t value)
     return PVX_OK;
 }
 
-static pvx_err film_read_times(const struct film *f, int64_t **t, size_t *n, struct pvx_diag *d)
+static pvx_err film_read_times(struct film *f, int64_t **t, size_t *n, struct pvx_diag *d)
 {
     int e;
+    f->file->opaque = &f->said;
     while ((e = film_read_packet(f->file, f->stream, f->packet)) >= 0) {
         bool shows = film_shows(f->stream, f->packet);
         int64_t pts = f->packet->pts;
@@ -202,9 +229,9 @@ static pvx_err film_read_times(const struct film *f, int64_t **t, size_t *n, str
         if (shows)
             PVX_TRY(film_add_time(t, n, film_ns(f->stream, pts)));
     }
-    if (e != AVERROR_EOF)
-        return pvx_fail(d, PVX_ECORRUPT, "%s: damaged or cut after %zu frames (%s)", f->path, *n,
-                        av_err2str(e));
+    f->frames = (int64_t)*n;
+    if (e != AVERROR_EOF || f->said.begun)
+        return film_damaged(f, e, d);
     if (*n == 0)
         return pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", f->path);
     qsort(*t, *n, sizeof **t, film_by_time);
@@ -310,7 +337,8 @@ static bool film_is_stereo(const struct film *f)
 static pvx_err film_check_frame(struct film *f, struct pvx_diag *d)
 {
     AVRational shape = av_guess_sample_aspect_ratio(f->file, f->stream, f->frame);
-    if (f->frame->decode_error_flags != 0 || (f->frame->flags & AV_FRAME_FLAG_CORRUPT) != 0)
+    if (f->frame->decode_error_flags != 0 || (f->frame->flags & AV_FRAME_FLAG_CORRUPT) != 0 ||
+        f->said.begun)
         return film_damaged(f, AVERROR_INVALIDDATA, d);
     if (f->frame->interlaced_frame || (f->stream->codecpar->field_order != AV_FIELD_UNKNOWN &&
                                        f->stream->codecpar->field_order != AV_FIELD_PROGRESSIVE))
@@ -370,7 +398,8 @@ static pvx_err film_decode(struct film *f, struct pvx_diag *d)
     while ((e = avcodec_receive_frame(f->codec, f->frame)) == AVERROR(EAGAIN))
         PVX_TRY(film_feed(f, d));
     if (e == AVERROR_EOF)
-        return f->n_waiting == 0 ? PVX_ECLOSED : film_damaged(f, AVERROR_INVALIDDATA, d);
+        return f->n_waiting == 0 && !f->said.begun ? PVX_ECLOSED
+                                                   : film_damaged(f, AVERROR_INVALIDDATA, d);
     if (e < 0)
         return film_damaged(f, e, d);
     PVX_TRY(film_arrived(f, d));
@@ -419,6 +448,7 @@ static pvx_err film_open_codec(struct film *f, uint64_t bytes, struct pvx_diag *
     if (f->codec == NULL)
         return PVX_ENOMEM;
     int e = avcodec_parameters_to_context(f->codec, par);
+    f->file->opaque = f->codec->opaque = &f->said;
     f->codec->pkt_timebase = f->stream->time_base;
     f->codec->flags |= AV_CODEC_FLAG_UNALIGNED; /* else a crop at the left is rounded */
     f->codec->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;
@@ -434,7 +464,7 @@ static double film_rate(const AVStream *s)
 {
     AVRational r = s->avg_frame_rate.num > 0 ? s->avg_frame_rate : s->r_frame_rate;
     double fps = r.num > 0 && r.den > 0 ? av_q2d(r) : 0;
-    return fps < 1e6 ? fps : 0;
+    return fps < 1e4 ? fps : 0; /* else it is the unit of time */
 }
 
 static pvx_err film_begin(struct film *f, uint64_t bytes, struct cap_video_info *info,
@@ -486,6 +516,6 @@ const struct cap_films *cap_films_module(void)
                                             .apng_add = film_apng_add,
                                             .apng_end = film_apng_end,
                                             .apng_drop = film_apng_drop};
-    av_log_set_level(AV_LOG_QUIET); /* errors are returned, not printed */
+    av_log_set_callback(film_log); /* nothing is printed */
     return &module;
 }

@@ -60,7 +60,7 @@ typedef struct cap_video cap_video;
 struct cap_video_info {
     int32_t width, height; /* turned */
     enum cap_pixfmt
-        fmt;    /* grey or RGB of 8 or 16 bits or float, or a Bayer format of 8 or 16 bits */
+        fmt;    /* grey or RGB of 8 or 16 bits or float */
     double fps; /* the mean rate; 0: not known */
 };
 /* The first frame is decoded, so most that is refused is refused here.  info may be NULL. */
