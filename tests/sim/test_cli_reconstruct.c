@@ -801,6 +801,14 @@ T_CASE(floats_of_any_scale)
     static float no[W * H * 3];
     for (int i = 0; i < W * H * 3; i++)
         no[i] = NAN;
+    for (int i = 0; i < W * H / 20 * 3; i++)
+        no[i] = 0;
+    retake("few", 0, 1, 0); /* 5 % of a picture are numbers */
+    T_EQ_I(cap_image_save(at("few/cam2/000000.npy"), no, W, H, 3, NULL), PVX_OK);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames few " EIGHT " --out x --quiet"), 0);
+    T_CONTAINS(slurp("err"), "95 % of the image of cam2 say nothing");
+    for (int i = 0; i < W * H * 3; i++)
+        no[i] = NAN;
     retake("counts", 0, 1000, 5.1F);
     T_EQ_I(cap_image_save(at("counts/cam2/000000.npy"), no, W, H, 3, NULL), PVX_OK);
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames counts " EIGHT

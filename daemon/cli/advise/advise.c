@@ -278,6 +278,8 @@ static void advise_print(const struct flame_sets *s, const struct advice *a)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
     else
         printf("grid: [%d]\n", a->grid[a->best_grid].voxels);
+    if (s->mixed)
+        printf("channels: 1  # some cameras are grey, others have colour\n");
     double level = INFINITY; /* lowest of all cameras: one number must not subtract more */
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         level = fmin(level, a->level[c]);

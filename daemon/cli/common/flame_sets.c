@@ -137,6 +137,7 @@ static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in
     PVX_TRY(frames_in_open(in, a->frames, a->first, a->last, s->kinds, d));
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         cap_depth_join(&s->depth, &in->depth[c]);
+    s->mixed = in->mixed;
     s->there = in->n;
     s->nch = in->nch;
     s->floats = s->light != NULL;

@@ -48,8 +48,8 @@ struct flame_sets {
     float *plane[REC_MAX_CAMERAS];      /* the source's, where there are three channels */
     const float *given[REC_MAX_CAMERAS];
     size_t bins[REC_MAX_CAMERAS]; /* of a picture */
-    bool floats;
-    struct cap_depth depth; /* of the samples in words of 16 bits, all cameras */
+    bool floats, mixed;           /* mixed: grey pictures and pictures with colour */
+    struct cap_depth depth;       /* of the samples in words of 16 bits, all cameras */
     struct cli_progress bar;
 };
 

@@ -548,6 +548,8 @@ static void look_piece(void *ctx, size_t c)
             continue;
         size_t parts = have > LOOKS ? have - 1 : 1;
         bool chosen = have <= LOOKS || k * (LOOKS - 1) % parts < LOOKS - 1;
+        if (f->reel != NULL && f->reel[c].kind == CAP_REEL_FILM) /* read in order */
+            chosen = k < LOOKS;
         k++;
         if (!chosen && s->fmt != CAP_FMT_NONE)
             continue;
@@ -624,7 +626,8 @@ static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
         return bad == REC_MAX_CAMERAS ? PVX_ECANCELED
                                       : pvx_fail(d, seen[bad].e, "%s", f->why[bad].text);
     f->nch = f->kinds == FRAMES_IN_GREY || !(has[2] || has[3]) ? 1 : 3;
-    if (f->kinds == FRAMES_IN_SAME && has[2] && (has[1] || has[3]))
+    f->mixed = has[2] && (has[1] || has[3]);
+    if (f->kinds == FRAMES_IN_SAME && f->mixed)
         return frames_in_two_kinds(f, seen, has[1] ? 1 : 3, d);
     if (f->kinds == FRAMES_IN_SAME && has[1] && has[3])
         f->kinds = FRAMES_IN_EACH; /* all are grey */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "recon/carve/fit.h"
+#include "recon/frame/inside.h"
 #include "recon/matrix/active.h"
 
 #define VOXELS 24 /* of the vote: its own grid has 16 to 31 */
@@ -78,6 +79,7 @@ void silhouettes_load(struct silhouettes *s, size_t set)
     s->verdict = &rec_frame_get_report(s->frame)->vote;
     for (size_t c = 0; c < s->S->n_cameras && c < REC_MAX_CAMERAS; c++) {
         s->lit[c] = rec_frame_lit(s->frame, c);
+        s->weight[c] = rec_frame_weight(s->frame) + s->S->row0[c];
         s->there[c] = (mask >> c & 1) != 0;
         s->believed[c] = ((mask & ~s->verdict->out) >> c & 1) != 0;
     }
@@ -90,14 +92,24 @@ void silhouettes_without_hull(struct rec_frame_params *p)
     p->hull.min_views = 1;
 }
 
-size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said)
+size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, const float *weight,
+                             size_t bins, bool *said)
 {
-    size_t n = 0;
-    for (size_t i = 0; i < bins; i++)
+    size_t n = 0, without = 0;
+    for (size_t i = 0; i < bins; i++) {
         n += lit[i] != 0;
+        without += !(weight[i] > 0);
+    }
     if (*said || (double)n < 0.9 * (double)bins)
         return n;
     *said = true;
+    if (without > bins / 2) {
+        fprintf(stderr,
+                "pyrovox: %.0f %% of the image of %s say nothing, so they count as flame: they are "
+                "saturated, masked, not a number, or beyond %g\n",
+                100 * (double)without / (double)bins, camera, (double)REC_PHOTO_LIMIT);
+        return n;
+    }
     fprintf(
         stderr,
         "pyrovox: %.0f %% of the image of %s count as flame: does it have a black level (--black "

@@ -13,10 +13,11 @@ struct silhouettes {
     rec_frame *frame;
 
     /* of the set that was loaded last: */
-    const uint8_t *lit[REC_MAX_CAMERAS]; /* [bins] 0/1, the slot's */
-    bool there[REC_MAX_CAMERAS];         /* cameras that are in the set */
-    bool believed[REC_MAX_CAMERAS];      /* of those the cameras that the vote trusts */
-    const struct rec_verdict *verdict;   /* the slot's */
+    const uint8_t *lit[REC_MAX_CAMERAS];  /* [bins] 0/1, the slot's */
+    const float *weight[REC_MAX_CAMERAS]; /* [bins] the slot's */
+    bool there[REC_MAX_CAMERAS];          /* cameras that are in the set */
+    bool believed[REC_MAX_CAMERAS];       /* of those the cameras that the vote trusts */
+    const struct rec_verdict *verdict;    /* the slot's */
 };
 
 /* `in` has begun; background: a folder as for frames_in_background, or NULL.  Errors: what it reads; PVX_ENOMEM.
@@ -30,7 +31,9 @@ void silhouettes_load(struct silhouettes *s, size_t set);
 /* Count everything as flame.  The hull then drops only voxels that no camera sees. */
 void silhouettes_without_hull(struct rec_frame_params *p);
 
-/* Number of lit bins of an image.  Warns once when nearly all are lit: most often the black level is missing. */
-size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said);
+/* Number of lit bins of an image.  Warns once when nearly all are lit: most often the black level is missing.
+ * weight: of the bins; those without measure nothing, and count as lit. */
+size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, const float *weight,
+                             size_t bins, bool *said);
 
 #endif

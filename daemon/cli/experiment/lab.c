@@ -100,7 +100,8 @@ pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size
     memcpy(l->lit, rec_frame_lit(l->frame, 0), rows);
     for (size_t c = 0; c < n; c++)
         (void)silhouettes_check_lit(in->rig->cameras[c].name, l->lit + l->S->row0[c],
-                                    l->S->row0[c + 1] - l->S->row0[c], &l->said_lit);
+                                    l->weight + l->S->row0[c], l->S->row0[c + 1] - l->S->row0[c],
+                                    &l->said_lit);
     return PVX_OK;
 }
 

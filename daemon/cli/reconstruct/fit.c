@@ -33,7 +33,7 @@ static bool fit_look(struct fit *f, size_t i, rec_fit *fit)
         if (!see->believed[c])
             continue;
         there++;
-        light += silhouettes_check_lit(see->in->rig->cameras[c].name, see->lit[c],
+        light += silhouettes_check_lit(see->in->rig->cameras[c].name, see->lit[c], see->weight[c],
                                        (size_t)b->bw * (size_t)b->bh, &f->said);
     }
     f->sets++;

@@ -24,6 +24,7 @@
 #include "daemon/cli/reconstruct/plan.h"
 #include "daemon/cli/reconstruct/slurm.h"
 #include "daemon/pipeline/volume_file.h"
+#include "recon/frame/inside.h"
 #include "recon/check/meant.h"
 
 #define LOOKED 5 /* sets in which a mistake in the rig is looked for, at most */
@@ -105,6 +106,7 @@ static void check_lit(struct job *j, const struct dmn_slot *s)
     for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++)
         if (reconstruct_has(s, c))
             (void)silhouettes_check_lit(j->rig.cameras[c].name, rec_frame_lit(s->frame, c),
+                                        rec_frame_weight(s->frame) + j->S->row0[c],
                                         j->S->row0[c + 1] - j->S->row0[c], &j->said_lit);
 }
 
