@@ -149,7 +149,7 @@ static pvx_err files_look_at_first(struct files *s, struct pvx_diag *d)
 {
     if (s->width > 0 && s->height > 0 && s->fmt != CAP_FMT_NONE)
         return PVX_OK;
-    struct cap_loaded l;
+    struct cap_loaded l = {0};
     pvx_err e = PVX_OK;
     for (size_t i = 0; i < s->reel.n; i++) {
         struct pvx_diag each = {""};

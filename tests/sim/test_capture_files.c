@@ -374,6 +374,47 @@ T_CASE(videos_are_cameras)
     scratch_remove();
 }
 
+/* A film that lost its frames 3 and 8, and begins with frame 1: the others keep their instants. */
+T_CASE(a_film_with_lost_frames)
+{
+#ifdef __SANITIZE_THREAD__
+    T_SKIP("libraries under FFmpeg order their own locks in ways that ThreadSanitizer reports");
+#endif
+    char cmd[600];
+    if (system("ffmpeg -version >/dev/null 2>&1") != 0) /* NOLINT(cert-env33-c,*command-proc*) */
+        T_SKIP("no ffmpeg");
+    begin();
+    write_avi(at("cam0.avi"), 12);
+    snprintf(cmd, sizeof cmd,
+             "cd '%s' && ffmpeg -v error -i cam0.avi -vf "
+             "'select=not(eq(n\\,0)+eq(n\\,3)+eq(n\\,8))' -vsync passthrough -c:v ffv1 -pix_fmt "
+             "bgr0 cam1.mkv",
+             dir);
+    T_EQ_I(system(cmd), 0); /* NOLINT(cert-env33-c,bugprone-command-processor) */
+    cameras(2, true);
+    r.cfg.sets.period_ns = 40 * PVX_NS_PER_MS;
+    for (int c = 0; c < 2; c++) {
+        snprintf(r.uri[c], sizeof r.uri[c], "files:%s/cam%d.%s", dir, c, c == 0 ? "avi" : "mkv");
+        r.cam[c].width = VW;
+        r.cam[c].height = VH;
+        r.cam[c].fmt = CAP_RGB8;
+        r.cam[c].fps = 25;
+    }
+    rig_start(&r);
+    struct cap_set *s;
+    int k = 0;
+    for (; next(&s) == PVX_OK; k++) {
+        T_EQ_I(s->frame[1] != NULL, k != 0 && k != 3 && k != 8);
+        for (int i = 0; i < 2; i++)
+            if (s->frame[i] != NULL)
+                T_EQ_I(((const uint8_t *)s->frame[i]->img.data)[0], k * 10);
+        cap_set_release(s);
+    }
+    T_EQ_I(k, 12);
+    rig_end(&r);
+    scratch_remove();
+}
+
 int main(int argc, char **argv)
 {
     (void)argc;

@@ -63,7 +63,7 @@ struct calibrate_look {
     struct calibrate_mode { /* how the flame's pictures differ from these; modes.h */
         int32_t binning, x, y, width, height; /* 0: not declared */
     } mode[REC_MAX_CAMERAS];
-    uint8_t grid;  /* layout of the aprilgrid in most pictures */
+    uint8_t grid;   /* layout of the aprilgrid in most pictures */
     char said[300]; /* which instants were looked at, in words; "" for folders */
 };
 

@@ -411,7 +411,7 @@ pvx_err frames_in_background_file(const char *dir, const char *camera, char *pat
     *path = '\0';
     pvx_err r =
         h != NULL ? PVX_OK : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
-    while (r == PVX_OK && (e = readdir(h)) != NULL) {
+    while (h != NULL && r == PVX_OK && (e = readdir(h)) != NULL) {
         if (strncmp(e->d_name, camera, n) != 0 || strrchr(e->d_name, '.') != e->d_name + n ||
             !cap_is_image(e->d_name))
             continue;
