@@ -80,10 +80,11 @@ static void cameras_in_say(struct dmn_cameras_in *in, size_t c, bool bad)
     int64_t *said = &in->said[c].bad_ns, now = pvx_now_mono();
     if (bad && (*said == 0 || now - *said > BAD_NS)) {
         *said = now;
-        LOG_ABOUT(PVX_LOG_WARN, DAEMON,
-                  ABOUT(.cause = "bad_image", .camera = in->rig->cameras[c].name),
-                  "camera %s: image cannot be used: %s", in->rig->cameras[c].name,
-                  dmn_images_why(in->images, c));
+        LOG_ABOUT(
+            PVX_LOG_WARN, DAEMON, ABOUT(.cause = "bad_image", .camera = in->rig->cameras[c].name),
+            "camera %s: image cannot be used: %s%s", in->rig->cameras[c].name,
+            dmn_images_why(in->images, c),
+            in->sets.policy == CAP_POLICY_DROP ? "; no set is whole (sync.policy: drop)" : "");
     }
 }
 
