@@ -60,6 +60,8 @@ bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */
 bool vol_hdf5_nexus(hid_t file, const struct vol_head *h);
+/* The group that viewers of NeXus show by themselves, when the file is complete: one channel beside the other. */
+bool vol_hdf5_flame(hid_t file, const struct pvp_grid *g, uint64_t sets);
 /* The group that ParaView reads, on the same data of `sets` volumes.  Call it when the file is complete. */
 bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets);
 #endif

@@ -70,9 +70,15 @@ bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets)
 {
     if (sets == 0)
         return true;
-    hid_t vtk = H5Gcreate2(file, "VTKHDF", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    hid_t points = H5Gcreate2(file, "VTKHDF/PointData", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = vtk >= 0 && points >= 0 && put_image(vtk, g, sets > 1);
+    if (!vol_hdf5_flame(file, g, sets))
+        return false;
+    /* h5repack -f NONE (1.10.8) crashes unless it meets the volumes as /emission first, and then what is virtual.  It
+     * goes by names and does not follow soft links. */
+    hid_t vtk = H5Gcreate2(file, "vtkhdf", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t points = H5Gcreate2(file, "vtkhdf/PointData", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = vtk >= 0 && points >= 0 &&
+              H5Lcreate_soft("/vtkhdf", file, "VTKHDF", H5P_DEFAULT, H5P_DEFAULT) >= 0 &&
+              put_image(vtk, g, sets > 1);
     if (ok && sets == 1)
         ok = put_only_set(points, g);
     else if (ok)

@@ -16,7 +16,7 @@ formats() {
 }
 check records_every_format formats
 
-h5() { # h5dump and h5py: values, places, times, NeXus
+h5() { # h5dump and h5py: values, places, times, NeXus, ids, dimension scales, ASCII for Octave
     h5dump -d /sets/number "$dir/v.h5" | grep -q '(0): 0, 1, 2, 3' && h5dump -H "$dir/v.h5" > "$dir/h5.log" || return 1
     "$py" - "$dir" <<'PY'
 import json, sys, h5py, numpy as np
@@ -32,12 +32,21 @@ for s in range(12):
         want = j["origin"][axis] + (np.arange(len(f[n])) + 0.5) * j["spacing"][axis]
         assert np.allclose(f[n][:], want, rtol=0, atol=1e-12), n
 assert abs(f["sets/time"][3] - 3 * 0.066666667) < 1e-9
-data = f[text(f, "default")]
-data = data[text(data, "default")]
-assert text(data, "NX_class") == "NXdata" and data[text(data, "signal")] == f["emission"]
-axes = [a.decode() for a in data.attrs["axes"]]
-assert len(axes) == 5 and all(len(data[a]) == f["emission"].shape[k] for k, a in enumerate(axes[:4])), axes
+for entry, signal, rank in ("entry", "emission", 5), (text(f, "default"), "red", 4): # the last: shown by itself, y against x
+    data = f[entry]
+    data = data[text(data, "default")]
+    axes = [a.decode() for a in data.attrs["axes"]]
+    assert text(data, "NX_class") == "NXdata" and text(data, "signal") == signal and data[signal].ndim == rank
+    assert axes == ["time", "z", "y", "x", "channel"][:rank] and all(len(data[a]) == data[signal].shape[k] for k, a in enumerate(axes)), axes
+    assert [d[0] == f[a] for d, a in zip(data[signal].dims, axes)] == [True] * rank
+for c, colour in enumerate(("red", "green", "blue")):
+    assert np.array_equal(f["flame/data"][colour][:], f["emission"][..., c]), colour
+for id in "session", "rig_hash":
+    assert f[id][()].decode() == str(f.attrs[id]), id
+assert f["config"].id.get_type().get_cset() == h5py.h5t.CSET_ASCII == f.attrs.get_id("format").get_type().get_cset()
 PY
+    command -v ncdump > /dev/null || { echo "SKIP $name:ncdump (apt-get install netcdf-bin)"; return 0; }
+    ncdump -h "$dir/v.h5" | grep -q 'float emission(time, z, y, x, channel)' && ncdump -v session "$dir/v.h5" | grep -q 'session = '
 }
 check h5py_and_h5dump_read_it h5
 
