@@ -276,8 +276,11 @@ static bool detect_other_chessboard(rec_board_detector *det, struct rec_board_si
 {
     const struct rec_board *b = &det->print[0].board;
     int n[2], most = b->cols > b->rows ? b->cols : b->rows, least = b->cols + b->rows - most;
-    if (!rec_board_other_size(det, n))
-        return false;
+    enum rec_other_size is = rec_board_other_size(det, n);
+    if (is == REC_SIZE_CUT)
+        rec_sight_why(det, out);
+    if (is != REC_SIZE_OTHER)
+        return is == REC_SIZE_CUT;
     int across = n[0] > n[1] ? n[0] : n[1], down = n[0] + n[1] - across;
     out->outcome = REC_SIGHT_OTHER_BOARD;
     snprintf(out->text, sizeof out->text, "the picture shows %dx%d inner corners, not %dx%d: %s",

@@ -67,8 +67,10 @@ void rec_board_turn(rec_board_detector *det, bool flipped);
 size_t rec_board_seeds(rec_board_detector *det, enum rec_way way, bool flipped,
                        struct rec_board_sight *out, const struct rec_print **print);
 
-/* Whether the lattice of nodes is a whole chessboard of another size, in inner corners. */
-bool rec_board_other_size(rec_board_detector *det, int size[2]);
+/* Whether the lattice of nodes is a whole chessboard of another size, in inner corners, or would go on outside the
+ * picture. */
+enum rec_other_size { REC_SIZE_UNKNOWN, REC_SIZE_OTHER, REC_SIZE_CUT };
+enum rec_other_size rec_board_other_size(rec_board_detector *det, int size[2]);
 
 /* Nothing was found: the outcome and its text. */
 void rec_sight_why(const rec_board_detector *det, struct rec_board_sight *out);

@@ -250,8 +250,9 @@ static bool rect_has(const struct rect *r, const struct rec_node *p)
     return p->i >= r->lo[0] && p->i <= r->hi[0] && p->j >= r->lo[1] && p->j <= r->hi[1];
 }
 
-/* The rectangle of nodes of the lattice, without lines at its rim that are mostly empty.  False: some of it is missing. */
-static bool lattice_whole(const rec_board_detector *det, struct rect *r)
+/* The rectangle of nodes of the lattice, without lines at its rim that are mostly empty.  Returns the share of its nodes
+ * that are there. */
+static double lattice_rect(const rec_board_detector *det, struct rect *r)
 {
     size_t n = 0;
     *r = (struct rect){{INT_MAX, INT_MAX}, {INT_MIN, INT_MIN}};
@@ -271,7 +272,7 @@ static bool lattice_whole(const rec_board_detector *det, struct rect *r)
     }
     for (size_t k = 0; k < det->n_nodes; k++)
         n += rect_has(r, &det->node[k]);
-    return n > 0 && n == (size_t)rect_side(r, 0) * (size_t)rect_side(r, 1);
+    return n > 0 ? (double)n / (rect_side(r, 0) * rect_side(r, 1)) : 0;
 }
 
 /* All corners of the chessboard from a lattice that has its size. */
@@ -311,30 +312,45 @@ static size_t opencvs_chessboard(rec_board_detector *det)
     return n;
 }
 
-/* Mean of the levels in the middles of m squares from (i, j) on, along i or j, with a sign that changes from square to
- * square.  NAN: one is outside the picture. */
+/* Mean difference between the levels in the middles of neighbours, of m squares from (i, j) on along i or j, with a sign
+ * that changes from square to square.  NAN: few of them are inside the picture. */
 static double alternation(const rec_board_detector *det, const double h[9], int i, int j, bool down,
                           int m)
 {
-    double sum = 0;
+    double sum = 0, before = NAN;
+    int n = 0;
     for (int k = 0; k < m; k++) {
         int x = down ? i : i + k, y = down ? j + k : j;
-        double uv[2];
+        double uv[2], now = NAN;
         rec_homography_map(h, x + 0.5, y + 0.5, uv);
-        int32_t u = (int32_t)lrint(uv[0]), v = (int32_t)lrint(uv[1]);
-        if (!(uv[0] >= 0 && uv[1] >= 0) || u >= det->field.width || v >= det->field.height)
-            return NAN;
-        sum += ((x + y) % 2 == 0 ? 1 : -1) * det->level[(ptrdiff_t)v * det->field.width + u] / m;
+        if (uv[0] >= 0 && uv[1] >= 0 && uv[0] <= det->field.width - 1 &&
+            uv[1] <= det->field.height - 1)
+            now = det->level[lrint(uv[1]) * det->field.width + lrint(uv[0])];
+        if (!isnan(now) && !isnan(before)) {
+            sum += ((x + y) % 2 == 0 ? 0.5 : -0.5) * (now - before);
+            n++;
+        }
+        before = now;
     }
-    return sum;
+    return 4 * n >= m - 1 ? sum / n : NAN;
+}
+
+/* Whether the board's size can be this one, with up to more[] lines added. */
+static bool size_can_be(const struct rec_board *b, const struct rect *r, const int more[2])
+{
+    int along[2] = {b->cols - rect_side(r, 0), b->rows - rect_side(r, 1)};
+    int across[2] = {b->rows - rect_side(r, 0), b->cols - rect_side(r, 1)};
+    return (along[0] >= 0 && along[1] >= 0 && along[0] <= more[0] && along[1] <= more[1]) ||
+           (across[0] >= 0 && across[1] >= 0 && across[0] <= more[0] && across[1] <= more[1]);
 }
 
 /* Whether the rectangle is a chessboard to its rim: beyond the squares around it none follow. */
-static bool ends_there(const rec_board_detector *det, const struct rect *r)
+static enum rec_other_size ends_there(const rec_board_detector *det, const struct rect *r)
 {
     struct rec_pair *pair = pvx_calloc(det->n_nodes, sizeof *pair);
-    double h[9], inside, beyond = 0;
+    double h[9];
     size_t n = 0;
+    int cut[2] = {0, 0};
     for (size_t k = 0; pair != NULL && k < det->n_nodes; k++) {
         const struct rec_node *p = &det->node[k];
         if (rect_has(r, p))
@@ -343,27 +359,31 @@ static bool ends_there(const rec_board_detector *det, const struct rect *r)
     bool ok = pair != NULL && rec_homography_fit(pair, n, h);
     free(pair);
     if (!ok)
-        return false;
-    inside = fabs(alternation(det, h, r->lo[0], r->lo[1], false, rect_side(r, 0) - 1));
+        return REC_SIZE_UNKNOWN;
+    double inside = fabs(alternation(det, h, r->lo[0], r->lo[1], false, rect_side(r, 0) - 1));
     for (int side = 0; side < 4; side++) {
         int a = side % 2, from[2] = {r->lo[0] - 1, r->lo[1] - 1};
         from[a] = side < 2 ? r->lo[a] - 2 : r->hi[a] + 1;
-        double now = fabs(alternation(det, h, from[0], from[1], a == 0, rect_side(r, 1 - a) + 1));
-        beyond = now <= beyond ? beyond : now; /* NAN stays */
+        double beyond =
+            fabs(alternation(det, h, from[0], from[1], a == 0, rect_side(r, 1 - a) + 1));
+        if (beyond >= 0.3 * inside)
+            return REC_SIZE_UNKNOWN;
+        cut[a] += isnan(beyond); /* one more line of corners may lie there */
     }
-    return beyond < 0.3 * inside;
+    return size_can_be(&det->print[0].board, r, cut) ? REC_SIZE_UNKNOWN
+           : cut[0] + cut[1] > 0                     ? REC_SIZE_CUT
+                                                     : REC_SIZE_OTHER;
 }
 
-bool rec_board_other_size(rec_board_detector *det, int size[2])
+enum rec_other_size rec_board_other_size(rec_board_detector *det, int size[2])
 {
     const struct rec_board *b = &det->print[0].board;
     struct rect r;
-    if (2 * det->n_nodes < rec_board_corners(b) || !lattice_whole(det, &r))
-        return false;
+    if (2 * det->n_nodes < rec_board_corners(b) || lattice_rect(det, &r) < 0.9)
+        return REC_SIZE_UNKNOWN;
     size[0] = rect_side(&r, 0);
     size[1] = rect_side(&r, 1);
-    return !(size[0] == b->cols && size[1] == b->rows) &&
-           !(size[0] == b->rows && size[1] == b->cols) && ends_there(det, &r);
+    return size_can_be(b, &r, (const int[2]){0, 0}) ? REC_SIZE_UNKNOWN : ends_there(det, &r);
 }
 
 /* All corners of a chessboard, counted from its dark corner square and so that the board is not mirrored. */
@@ -372,7 +392,7 @@ static size_t from_chessboard(rec_board_detector *det)
     const struct rec_board *b = &det->print[0].board;
     double h[9], d[4];
     struct rect r;
-    size_t n = lattice_whole(det, &r) ? whole_lattice(det, &r) : 0;
+    size_t n = lattice_rect(det, &r) == 1 ? whole_lattice(det, &r) : 0;
     if (n == 0)
         n = opencvs_chessboard(det);
     if (n == 0)

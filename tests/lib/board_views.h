@@ -59,8 +59,14 @@ static inline void bv_init(struct bv *s, size_t n, bool two_sided)
 {
     *s = (struct bv){
         .cameras = n, .frames = 100, .w = 640, .h = 480, .noise = 0.1, .thickness = 0.005};
-    s->board = (struct rec_board){REC_CHARUCO, 8,     11,    0.03,      0.022,
-                                  "5X5_100",   false, false, two_sided, two_sided ? NAN : 0};
+    s->board = (struct rec_board){.kind = REC_CHARUCO,
+                                  .cols = 8,
+                                  .rows = 11,
+                                  .square = 0.03,
+                                  .marker = 0.022,
+                                  .dictionary = "5X5_100",
+                                  .two_sided = two_sided,
+                                  .thickness = two_sided ? NAN : 0};
     for (size_t i = 0; i < n; i++) {
         struct bv_camera *c = &s->cam[i];
         double a = 6.283185307179586 * ((double)i + 0.1 * sin(3.0 * (double)i)) / (double)n;

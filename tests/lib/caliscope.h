@@ -96,8 +96,13 @@ static inline bool cs_read(struct cs *s, const char *folder, const char *corners
     if (f == NULL)
         return false;
     (void)fclose(f);
-    s->in.board =
-        (struct rec_board){REC_CHARUCO, 4, 5, 0.054, 0.0405, "4X4_1000", false, true, false, 0};
+    s->in.board = (struct rec_board){.kind = REC_CHARUCO,
+                                     .cols = 4,
+                                     .rows = 5,
+                                     .square = 0.054,
+                                     .marker = 0.0405,
+                                     .dictionary = "4X4_1000",
+                                     .inverted = true};
     s->in.n_cameras = CS_CAMERAS;
     s->in.camera = s->camera;
     s->in.view = s->view;

@@ -284,6 +284,16 @@ T_CASE(impossible_requests)
     T_CONTAINS(r.d.text, "no old rig has it");
     bv_done(&r);
     s.named[1].hold = 0;
+    struct rec_rig old;
+    T_EQ_I(rec_rig_ring(2, 2, 64, 48, 8, &old), PVX_OK);
+    old.cameras[1].model = REC_FISHEYE;
+    s.in.options.old = &old;
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EUNSUP);
+    T_CONTAINS(r.d.text, "cam1: a fisheye in the old rig");
+    bv_done(&r);
+    s.in.options.old = NULL;
+    rec_rig_fini(&old);
     s.in.grid.max[1] = s.in.grid.min[1];
     bv_solve(&s, &r);
     T_EQ_I(r.e, PVX_EINVAL);

@@ -136,8 +136,8 @@ static void look_one_layout(struct calibrate_look *l)
     size_t n[REC_GRID_KALIBR + 1] = {0};
     for (size_t i = 0; i < l->n; i++)
         n[l->picture[i].grid] += l->picture[i].view.n > 0;
-    for (uint8_t g = 0; g <= REC_GRID_KALIBR; g++)
-        l->grid = n[g] > n[l->grid] ? g : l->grid;
+    for (int g = 0; g <= REC_GRID_KALIBR; g++)
+        l->grid = n[g] > n[l->grid] ? (uint8_t)g : l->grid;
     for (size_t i = 0; i < l->n; i++) {
         struct calibrate_picture *p = &l->picture[i];
         if (p->view.n == 0 || ((p->grid ^ l->grid) & ~REC_GRID_WIDE) == 0)
