@@ -37,7 +37,8 @@ struct meant {
 
 /* Whose picture a camera has, and how it is turned. */
 struct picture {
-    uint8_t of, turned;
+    uint8_t of;
+    unsigned turned;
 };
 
 static void meant_reduce(struct view *v, const struct rec_camera *c, int32_t binning,
@@ -138,7 +139,7 @@ static void meant_try_pictures(struct meant *m)
     char text[REC_MEANT_TEXT - 100];
     for (size_t c = 0; c < m->n; c++)
         same[c] = (struct picture){(uint8_t)c, 0};
-    for (uint8_t k = ACROSS; k <= (ACROSS | UPSIDE); k++) {
+    for (unsigned k = ACROSS; k <= (ACROSS | UPSIDE); k++) {
         for (size_t c = 0; c < m->n; c++) {
             memcpy(p, same, sizeof p);
             p[c].turned = k;

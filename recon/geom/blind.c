@@ -5,15 +5,15 @@
 #include <stdio.h>
 #include <string.h>
 
-#define TINY 0.03 /* of the picture's shorter side */
-#define FITS 0.2  /* share of the volume that a camera sees by a reading that fits */
-#define LITTLE \
-    0.5 /* mean share; if the cameras see less, another reading is believed that shows them */
-#define WHOLE  0.9  /* this much */
-#define MIDDLE 0.12 /* of the picture's size: a principal point is this near to its middle */
-#define EACH   0.95 /* a reading that changes one thing more must show more by this */
-#define TRIED  5    /* points along each side of the volume: for readings, */
-#define LOOKED 16   /* and before a camera is called blind */
+#define TINY    0.03 /* of the picture's shorter side */
+#define FITS    0.2  /* share of the volume that a camera sees by a reading that fits */
+#define LITTLE  0.5 /* mean share; if the cameras see less, another reading is believed that shows */
+#define WHOLE   0.9  /* this much */
+#define MIDDLE  0.12 /* of the picture's size: a principal point is this near to its middle */
+#define GREATER 6 /* times a camera's distance from the origin: a volume in other units is larger */
+#define EACH    0.95 /* a reading that changes one thing more must show more by this */
+#define TRIED   5    /* points along each side of the volume: for readings, */
+#define LOOKED  16   /* and before a camera is called blind */
 
 enum pose { AS_GIVEN, TO_WORLD, PLACE, TRANSPOSED, N_POSES };
 static const char *const pose_words[N_POSES] = {
@@ -89,6 +89,18 @@ static bool blind_lens_fits(const struct rec_camera *c, size_t lens)
     return then && !before;
 }
 
+/* The volume is so much larger than the camera's distance from the origin that their units may differ. */
+static bool blind_huge(const struct rec_camera *c, const struct rec_grid *g)
+{
+    double at[3], far = 0, side = 0;
+    rec_camera_centre(c, at);
+    for (int a = 0; a < 3; a++) {
+        far += at[a] * at[a];
+        side = fmax(side, g->max[a] - g->min[a]);
+    }
+    return side > GREATER * sqrt(far);
+}
+
 /* How a camera sees the volume, by n^3 points. */
 struct look {
     double share; /* of the points; 0 if `tiny` or `inside` */
@@ -135,10 +147,11 @@ static struct trial blind_try(const struct rec_rig *r, uint64_t set, struct read
         if ((set >> c & 1) == 0)
             continue;
         struct rec_camera o = blind_read(&r->cameras[c], w);
-        bool possible = w.lens == 0 || blind_lens_fits(&r->cameras[c], w.lens);
+        bool possible = (w.lens == 0 || blind_lens_fits(&r->cameras[c], w.lens)) &&
+                        (units[w.unit].by <= 1 || blind_huge(&r->cameras[c], &r->grid));
         double share = possible ? blind_look(&o, &r->grid, TRIED).share : 0;
         t.sum += share;
-        t.fits += share >= FITS;
+        t.fits += share >= (w.unit > 0 ? LITTLE : FITS);
     }
     return t;
 }
@@ -262,7 +275,7 @@ enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
     const uint64_t every = all < 64 ? ((uint64_t)1 << all) - 1 : UINT64_MAX;
     struct trial t = blind_best(r, every, 3);
     bool fits = t.sum >= WHOLE * (double)all && sum < LITTLE * (double)all;
-    if (n == all)
+    if (n == all && inside == 0)
         fits = 2 * t.fits > all;
     if (n == 0 && !fits)
         return REC_BLIND_NONE; /* they look at a part of a large volume */

@@ -37,7 +37,7 @@ grid_auto() {
     says 0 '30 x 30 x 30' || return 1
     sed 's/max: \[0.5,0.5,1\]/max: [9.5,9.5,1]/' "$rig" > "$dir/behind.yaml"
     run "$pyrovox" matrix --rig "$dir/behind.yaml" --grid auto
-    says 1 '--grid auto: no camera has the middle of the volume in front of it'
+    says 1 'left, right: it stands inside the volume' '--grid auto: no camera has the middle of the volume in front of it'
 }
 another_grid_another_file() {
     run "$pyrovox" matrix --rig "$rig" --grid 8,9,10 --basis trilinear --cameras right --binning 4 --rays 3

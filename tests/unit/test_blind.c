@@ -157,6 +157,14 @@ T_CASE(accuses_no_right_rig)
             T_EQ_I(seen(&r, text), REC_BLIND_NONE);
             rec_rig_fini(&r);
         }
+    T_EQ_I(rec_rig_ring(6, 2, 640, 480, 16, &r), PVX_OK);
+    for (int a = 0; a < 3; a++) { /* a room with the cameras in it */
+        r.grid.min[a] -= 4;
+        r.grid.max[a] += 5;
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_SOME);
+    T_CONTAINS(text, "cam5: it stands inside the volume; check R, t, K");
+    rec_rig_fini(&r);
     ring(8, 3, &r);
     char little[20];
     r.cameras[0].t[2] = -3;

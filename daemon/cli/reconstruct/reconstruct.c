@@ -27,7 +27,7 @@
 #include "recon/frame/inside.h"
 #include "recon/check/meant.h"
 
-#define LOOKED 5 /* sets in which a mistake in the rig is looked for, at most */
+#define LOOKED 3 /* sets in which a mistake in the rig is looked for, at most */
 
 struct job {
     const struct reconstruct_options *o;
