@@ -470,7 +470,9 @@ static pvx_err hdf5_read_hdf5_open(void **self, const char *path, struct vol_hea
         hdf5_read_hdf5_close(r);
         return e;
     }
-    *head = (struct vol_head){.start = r->start, .rig = r->rig, .config = r->config};
+    *head = (struct vol_head){.start = r->start,
+                              .rig = r->rig[0] != '\0' ? r->rig : NULL,
+                              .config = r->config[0] != '\0' ? r->config : NULL};
     *self = r;
     return PVX_OK;
 }

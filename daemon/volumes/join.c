@@ -51,7 +51,8 @@ static struct place *join_find(struct joining *w, uint64_t number, size_t *k)
 static bool same_recording(const struct vol_head *a, const struct vol_head *b)
 {
     return a->start.session == b->start.session && a->start.rig_hash == b->start.rig_hash &&
-           pvp_grid_same(&a->start.grid, &b->start.grid) && strcmp(a->rig, b->rig) == 0;
+           pvp_grid_same(&a->start.grid, &b->start.grid) &&
+           strcmp(a->rig != NULL ? a->rig : "", b->rig != NULL ? b->rig : "") == 0;
 }
 
 /* Take the rows of one part for the sets that no part before had. */

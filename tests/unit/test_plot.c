@@ -44,6 +44,26 @@ static char *draw(const double *x, const double *y, bool points)
     return text;
 }
 
+T_CASE(names_are_inside)
+{
+    const double x[1] = {1}, y[1] = {1};
+    const struct plot_series s = {
+        .name = "green, with the rim", .colour = "#111111", .n = 1, .x = x, .y = y};
+    char *text = NULL;
+    size_t len;
+    double width = 0, at = 0;
+    FILE *f = open_memstream(&text, &len);
+    plot_svg(f, &(struct plot){.x = "ms", .y = "error", .series = &s, .n = 1});
+    fclose(f);
+    T_EQ_I(sscanf(strstr(text, "viewBox"), "viewBox=\"0 0 %lf", &width), 1);
+    char *name = strstr(text, s.name);
+    while (name > text && strncmp(name, "<text", 5) != 0)
+        name--;
+    T_EQ_I(sscanf(name, "<text x=\"%lf", &at), 1);
+    T_CHECK_(at + 6.8 * (double)strlen(s.name) <= width, "from %g, of %g", at, width);
+    free(text);
+}
+
 /* All at about one place, by any fraction of a pixel: each has its label, at a place of its own. */
 T_CASE(labels_that_would_lie_on_each_other)
 {

@@ -309,6 +309,24 @@ T_CASE(folder_of_npy_is_read_by_number)
     scratch_remove();
 }
 
+T_CASE(what_is_not_known_is_not_there)
+{
+    struct pvp_start s = volumes_start(9, 8, 7, 1);
+    scratch_new();
+    for (int f = VOL_NPY; f <= VOL_HDF5; f++) {
+        struct vol_head h = {.start = s};
+        vol_writer *w = NULL;
+        vol_reader *r = NULL;
+        T_EQ_I(vol_writer_open((enum vol_format)f, at("%s", names[f]), &h, NULL, &w, NULL), PVX_OK);
+        put(w, &s, 1, 0.5);
+        finish(w);
+        T_EQ_I(vol_reader_open(at("%s", names[f]), &r, NULL), PVX_OK);
+        T_OK(vol_reader_head(r)->rig == NULL && vol_reader_head(r)->config == NULL);
+        vol_reader_close(&r);
+    }
+    scratch_remove();
+}
+
 /* What `repair` puts aside is what cannot be read, and no more. */
 T_CASE(repair_and_reader_agree)
 {

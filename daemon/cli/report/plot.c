@@ -1,6 +1,7 @@
 #include "daemon/cli/report/plot.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "daemon/cli/report/html.h"
 
@@ -18,6 +19,7 @@ double report_round(double v)
 #define BOTTOM 52.0
 #define INK    "#5b6670"
 #define LABELS 64
+#define LETTER 7.5 /* of the font, at most in the mean */
 
 struct frame {
     const struct plot *p;
@@ -158,8 +160,11 @@ void plot_svg(FILE *f, const struct plot *p)
 {
     struct frame t = {.p = p};
     find_frame(&t);
+    double width = WIDTH; /* more where a name needs it */
+    for (size_t k = 0; k < p->n; k++)
+        width = fmax(width, WIDTH - RIGHT + 40 + LETTER * (double)strlen(p->series[k].name) + 4);
     fprintf(f, "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">",
-            WIDTH, HEIGHT);
+            width, HEIGHT);
     axes(f, &t);
     for (size_t k = 0; k < p->n; k++) {
         const struct plot_series *s = &p->series[k];

@@ -10,6 +10,7 @@ since Cycles finds a volume's light only by chance.
 import argparse
 import math
 import os
+import re
 import sys
 
 import bpy
@@ -58,7 +59,8 @@ def chosen(path, number):
         return path
     if not os.path.isdir(path):
         wrong(f"{path}: is not there")
-    files = sorted(n for n in os.listdir(path) if n.endswith(".vdb") and not n.startswith("."))
+    files = sorted((n for n in os.listdir(path) if n.endswith(".vdb") and not n.startswith(".")),
+                   key=lambda n: [int(k) if k.isdigit() else k for k in re.split(r"(\d+)", n)])
     if not files:
         wrong(f"{path}: has no .vdb files; make them: pyrovox convert --split {path} FLAME --format vdb")
     if not 1 <= number <= len(files):
