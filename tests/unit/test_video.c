@@ -414,7 +414,10 @@ T_CASE(damage_is_told)
     if (!film("c.avi", 4, "-c:v ffv1 -level 3 -slicecrc 1") || !film("c.mkv", 4, "-c:v ffv1") ||
         !film("j.mjpeg", 2, "-c:v mjpeg -f mjpeg") ||
         !film("k.mjpeg", 2, "-c:v mjpeg -vf scale=32:24 -f mjpeg") ||
-        !film("p.mp4", 8, "-c:v mpeg4 -g 20") ||
+        !film("p.mp4", 8, "-c:v mpeg4 -g 20") || !film("h.mp4", 8, "-c:v libx264 -bf 0") ||
+        !shell(
+            "ffmpeg -nostdin -v fatal -y -i h.mp4 -bsf:v noise=amount=0:drop='eq(n\\,4)' -c copy "
+            "h.mkv") ||
         !shell("cat j.mjpeg k.mjpeg > l.mjpeg && ffmpeg -nostdin -v fatal -y -f mjpeg -i l.mjpeg "
                "-c copy s.avi && "
                "ffmpeg -nostdin -v fatal -y -i p.mp4 -bsf:v noise=amount=0:drop='eq(n\\,0)' -c "
@@ -438,6 +441,10 @@ T_CASE(damage_is_told)
     T_CONTAINS(d.text, "c.avi: frame 2: damaged or cut (slice CRC mismatch");
     T_EQ_I(frames_of("s.avi", &d), 2);
     T_CONTAINS(d.text, "s.avi: frame 2 is 32x24");
+    T_EQ_I(frames_of("h.mp4", &d), 8);
+    int got = frames_of("h.mkv", &d);
+    T_OK(got >= 2 && got <= 4);
+    T_CONTAINS(d.text, "Frame num gap");
     T_EQ_I(frames_of("p.mkv", &d), -1);
     T_CONTAINS(d.text, "no key frame");
 }
