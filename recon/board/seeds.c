@@ -8,6 +8,7 @@
 #include "recon/board/spec.h"
 
 #define ENOUGH 3  /* markers */
+#define LEAST  14 /* px, the diagonal of a chessboard's square */
 #define SMALL  24 /* px, the side of a marker that may be too small to read */
 
 enum { SMALLER, AS_IT_IS, LARGER };
@@ -361,6 +362,15 @@ static enum rec_other_size ends_there(const rec_board_detector *det, const struc
     if (!ok)
         return REC_SIZE_UNKNOWN;
     double inside = fabs(alternation(det, h, r->lo[0], r->lo[1], false, rect_side(r, 0) - 1));
+    /* small or weak: a texture, and the board may be elsewhere */
+    for (int a = 0; a < 2; a++) {
+        double p[2], q[2];
+        rec_homography_map(h, a == 0 ? r->lo[0] : r->hi[0], a == 0 ? r->lo[1] : r->hi[1], p);
+        rec_homography_map(h, a == 0 ? r->lo[0] + 1 : r->hi[0] - 1,
+                           a == 0 ? r->lo[1] + 1 : r->hi[1] - 1, q);
+        if (hypot(q[0] - p[0], q[1] - p[1]) < LEAST || !(inside > 0.25 * (det->high - det->low)))
+            return REC_SIZE_UNKNOWN;
+    }
     for (int side = 0; side < 4; side++) {
         int a = side % 2, from[2] = {r->lo[0] - 1, r->lo[1] - 1};
         from[a] = side < 2 ? r->lo[a] - 2 : r->hi[a] + 1;
@@ -387,14 +397,14 @@ enum rec_other_size rec_board_other_size(rec_board_detector *det, int size[2])
 }
 
 /* All corners of a chessboard, counted from its dark corner square and so that the board is not mirrored. */
-static size_t from_chessboard(rec_board_detector *det)
+static size_t from_chessboard(rec_board_detector *det, bool lattice)
 {
     const struct rec_board *b = &det->print[0].board;
     double h[9], d[4];
     struct rect r;
-    size_t n = lattice_rect(det, &r) == 1 ? whole_lattice(det, &r) : 0;
-    if (n == 0)
-        n = opencvs_chessboard(det);
+    size_t n = !lattice                     ? opencvs_chessboard(det)
+               : lattice_rect(det, &r) == 1 ? whole_lattice(det, &r)
+                                            : 0;
     if (n == 0)
         return 0;
     /* reverses the rows if mirrored, then turns the whole by half a turn if needed */
@@ -433,7 +443,9 @@ size_t rec_board_seeds(rec_board_detector *det, enum rec_way way, bool flipped,
     bool april = (*print)->board.kind == REC_APRILGRID;
     size_t n;
     if ((*print)->board.kind == REC_CHESSBOARD)
-        return way == REC_BY_MARKERS ? from_chessboard(det) : 0;
+        return way == REC_BY_SMALLER || way == REC_BY_MARKERS
+                   ? from_chessboard(det, way == REC_BY_SMALLER)
+                   : 0;
     switch (way) {
     case REC_BY_SMALLER: return from_smaller(det, flipped, out, print);
     case REC_BY_MARKERS:
