@@ -123,13 +123,15 @@ static void iterate(const rec_vote *v, struct rec_trial *t)
 static void smooth_row(const float *in, int32_t n, int32_t s, float *out)
 {
     const float over = 1 / ((float)s * (float)s);
-    for (int32_t x = 0; x < n; x++) {
-        float sum = 0;
-        int32_t to = x + s < n ? x + s : n;
-        for (int32_t i = x < s ? 0 : x - s + 1; i < to; i++)
-            sum += (float)(s - (i < x ? x - i : i - x)) * in[i];
-        out[x] = over * sum;
+    memset(out, 0, (size_t)n * sizeof *out);
+    for (int32_t k = 1 - s; k < s; k++) {
+        const float weight = (float)(s - (k < 0 ? -k : k));
+        int32_t to = k > 0 ? n - k : n;
+        for (int32_t x = k < 0 ? -k : 0; x < to; x++)
+            out[x] += weight * in[x + k];
     }
+    for (int32_t x = 0; x < n; x++)
+        out[x] *= over;
 }
 
 /* || K r ||^2 over the bins of camera c that were measured; wr holds r there, 0 elsewhere. */
