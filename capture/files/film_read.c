@@ -63,11 +63,12 @@ static pvx_err film_damaged(const struct film *f, int code, struct pvx_diag *d)
                     f->path, (long long)f->frames, f->said.done ? f->said.text : why);
 }
 
-static void film_log(void *about, int level, const char *format, va_list args)
+static PVX_PRINTF(3, 0) void film_log(void *about, int level, const char *format, va_list args)
 {
-    const AVClass *class = about != NULL ? *(const AVClass *const *)about : NULL;
-    struct film_said *said = class == NULL                   ? NULL
-                             : class == avcodec_get_class()  ? ((AVCodecContext *)about)->opaque
+    if (about == NULL)
+        return;
+    const AVClass *class = *(const AVClass *const *)about;
+    struct film_said *said = class == avcodec_get_class()    ? ((AVCodecContext *)about)->opaque
                              : class == avformat_get_class() ? ((AVFormatContext *)about)->opaque
                                                              : NULL;
     /* H.264 numbers its frames; where one is missing, FFmpeg puts a copy of another into its place */
