@@ -4,8 +4,8 @@ PACKAGES_RECON := build-essential pkg-config libyaml-dev libxxhash-dev
 PACKAGES_BUILD := $(PACKAGES_RECON) libaravis-dev libxml2-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libcjson-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
   libopencv-contrib-dev libcairo2-dev libavformat-dev libavcodec-dev libavutil-dev \
-  libturbojpeg0-dev libtiff-dev libpng-dev libhdf5-dev libcamera-dev libceres-dev libopenvdb-dev libboost-dev libnanovdb-dev \
-  libmicrohttpd-dev libgnutls28-dev libwslay-dev libopenmpi-dev
+  libturbojpeg0-dev libtiff-dev libpng-dev libhdf5-dev libcamera-dev libceres-dev libopenvdb-dev \
+  libboost-dev libnanovdb-dev libmicrohttpd-dev libgnutls28-dev libwslay-dev libopenmpi-dev
 # make lint
 PACKAGES_LINT := git clang clang-format clang-tidy mandoc abigail-tools python3 \
   libumockdev-dev liblapacke-dev libopenblas0-serial

@@ -12,7 +12,8 @@ for m in $(git ls-files '*.[1358]'); do
     mandoc -Tlint -Wwarning "$m" || bad=1
 done
 python3 tests/language.py || bad=1        # README.md and all other pages, and references to what is not here
-if git ls-files '*.c' '*.h' '*.cpp' | xargs -r grep -nE '(^|[^_a-z])(strcpy|strcat|sprintf|gets|setjmp|longjmp)\(' ; then
+# libpng returns from an error by longjmp only
+if git ls-files '*.c' '*.h' '*.cpp' | grep -v '^capture/files/png.c$' | xargs -r grep -nE '(^|[^_a-z])(strcpy|strcat|sprintf|gets|setjmp|longjmp)\(' ; then
     echo "  ^ not used here"; bad=1
 fi
 if git ls-files '*.c' '*.h' '*.cpp' Makefile '*.mk' | grep -v '^tests/lint' | xargs -r grep -n -e '-ffast-math' | grep -v '[Nn]ever'; then bad=1; fi

@@ -59,9 +59,8 @@ PVX_MUST_CHECK pvx_err cap_npy_parse(const void *bytes, size_t len, const char *
 typedef struct cap_video cap_video;
 struct cap_video_info {
     int32_t width, height; /* turned */
-    enum cap_pixfmt
-        fmt;    /* grey or RGB of 8 or 16 bits or float */
-    double fps; /* the mean rate; 0: not known */
+    enum cap_pixfmt fmt;   /* grey or RGB of 8 or 16 bits or float */
+    double fps;            /* the mean rate; 0: not known */
 };
 /* The first frame is decoded, so most that is refused is refused here.  info may be NULL. */
 PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out,

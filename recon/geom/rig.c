@@ -348,10 +348,10 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
     char why[PVX_DIAG_MAX - 128];
     if (rig->grid.n[0] == 0 && (rec_rig_blind(rig, why, sizeof why) == REC_BLIND_ALL ||
                                 rec_rig_finest(rig, 1, rig->grid.n) != PVX_OK))
-        return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, pvx_yaml_get(r->y, root, "volume"), "voxels"),
-                             "volume.voxels", PVX_EINVAL, r->d, "auto: %s",
-                             why[0] != '\0' ? why
-                                            : "no camera has the middle of the volume in front of it");
+        return pvx_yaml_fail(
+            r->y, pvx_yaml_get(r->y, pvx_yaml_get(r->y, root, "volume"), "voxels"), "volume.voxels",
+            PVX_EINVAL, r->d, "auto: %s",
+            why[0] != '\0' ? why : "no camera has the middle of the volume in front of it");
     if ((node = pvx_yaml_get(r->y, root, "bodies")) != 0)
         return rec_bodies_read(r->y, node, r->name, rig, &rig->bodies, r->d);
     return PVX_OK;

@@ -41,9 +41,12 @@ static void sets(int cameras, enum cap_numbers numbers, const char *want)
     for (size_t k = 0; k < p.n; k++)
         for (int c = 0; c < cameras; c++) {
             int64_t row = p.row[k * (size_t)cameras + (size_t)c];
-            char one[24];
-            snprintf(one, sizeof one, "%s%lld", c > 0 ? ":" : k > 0 ? " " : "", (long long)row);
-            strcat(got, row < 0 ? c > 0 ? ":-" : k > 0 ? " -" : "-" : one);
+            const char *before = c > 0 ? ":" : k > 0 ? " " : "";
+            size_t at = strlen(got);
+            if (row < 0)
+                snprintf(got + at, sizeof got - at, "%s-", before);
+            else
+                snprintf(got + at, sizeof got - at, "%s%lld", before, (long long)row);
         }
     T_EQ_S(got, want);
 }

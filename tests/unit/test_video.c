@@ -18,7 +18,7 @@ static void write_picture(void)
 {
     struct pvx_diag d = {""};
     static uint8_t b[32 + W * H * 6]; /* of 16 bits: from 8, ffmpeg makes 65280 of 255 */
-    size_t n = (size_t)sprintf((char *)b, "P6 %d %d 65535\n", W, H);
+    size_t n = (size_t)snprintf((char *)b, sizeof b, "P6 %d %d 65535\n", W, H);
     for (int i = 0; i < 3 * W * H; i++, n += 2)
         b[n] = b[n + 1] = quarter[i / 3 / W / (H / 2) * 2 + i / 3 % W / (W / 2)][i % 3];
     T_EQ_I(pvx_file_write(at("q.ppm"), b, n, &d), PVX_OK);
@@ -339,6 +339,12 @@ T_CASE(refused_by_name)
     }
 }
 
+static void append_time(char *list, size_t size, int64_t ns)
+{
+    size_t n = strlen(list);
+    snprintf(list + n, size - n, " %lld", (long long)((ns + 10000000) / 100000000));
+}
+
 /* The times of all frames, with and without decoding, in units of 0.1 s. */
 static void times_are(const char *name, const char *want)
 {
@@ -350,10 +356,10 @@ static void times_are(const char *name, const char *want)
     pvx_err e = PVX_OK;
     T_CHECK_(cap_video_times(at("%s", name), &t, &n, &d) == PVX_OK, "%s", d.text);
     for (size_t i = 0; i < n; i++)
-        sprintf(strchr(list[0], '\0'), " %lld", (long long)((t[i] + 10000000) / 100000000));
+        append_time(list[0], sizeof list[0], t[i]);
     T_CHECK_(cap_video_open(at("%s", name), &v, NULL, &d) == PVX_OK, "%s", d.text);
     for (size_t i = 0; v != NULL && (e = cap_video_next(v, NULL, &at_ns, &d)) == PVX_OK; i++) {
-        sprintf(strchr(list[1], '\0'), " %lld", (long long)((at_ns + 10000000) / 100000000));
+        append_time(list[1], sizeof list[1], at_ns);
         T_OK(i < n && t[i] == at_ns);
     }
     T_EQ_I(e, PVX_ECLOSED);

@@ -114,7 +114,7 @@ T_CASE(addresses)
     T_OK(!view_gate_loopback(&a));
     a = here("[::]:1");
     T_OK(!view_gate_loopback(&a));
-    const char *const bad[] = {"",           "x:1",    "127.0.0.1",   "127.0.0.1:65536", "1.2.3:4",
+    const char *const bad[] = {"",           "x:1",    "127.0.0.1", "127.0.0.1:65536", "1.2.3:4",
                                "[::1]",      "::1:80", "localhost", "127.0.0.1:-1",    "99999",
                                "1.2.3.4:1:1"};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
