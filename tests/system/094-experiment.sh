@@ -102,7 +102,7 @@ bad_input() {
     experiment --out x --cameras cam0,cam1,cam2; says 1 '3 cameras are too few' 'four' || return 1
     experiment --out x --threshold 0.99; says 1 'no flame in any of 4 frame sets' '--threshold' || return 1
     experiment --out x --unused cam9; says 1 'no such camera' 'cam0' || return 1
-    run "$pyrovox" experiment nowhere --rig rig.yaml --out y; says 1 'nowhere' 'looked for' && [ ! -e y ] || return 1
+    run "$pyrovox" experiment nowhere --rig rig.yaml --out y; says 1 'nowhere: no frames' 'No such' && [ ! -e y ] || return 1
     run "$pyrovox" experiment take --out y; says 2 'needs FRAMES, --rig and --out' || return 1
     experiment --out y --grids 16,x; says 2 'grids' || return 1
     experiment --out y --grids 24,16,24; says 2 '24 is there twice' || return 1
