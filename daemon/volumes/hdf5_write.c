@@ -4,7 +4,6 @@
  * each column, then the file is flushed.  So an SWMR reader, and a file that a kill leaves, end with a whole set. */
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -306,24 +305,10 @@ static pvx_err hdf5_write_check(const char *path, struct pvx_diag *d)
                : pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", path);
 }
 
-/* Gives the file its name.  Nothing is overwritten. */
-static pvx_err hdf5_write_name(const struct out *w, const char *tmp, struct pvx_diag *d)
-{
-    int e = renameat2(AT_FDCWD, tmp, AT_FDCWD, w->path, RENAME_NOREPLACE);
-    if (e != 0 && (errno == EINVAL || errno == ENOSYS)) /* NFS has no such rename */
-        e = access(w->path, F_OK) != 0 ? rename(tmp, w->path) : (errno = EEXIST, -1);
-    return e == 0 ? PVX_OK
-                  : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
-}
-
-/* The file has its name only when it has its head: a full disk or a kill leaves none that nothing can open. */
 static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_diag *d)
 {
-    char tmp[PATH_MAX];
     PVX_TRY(hdf5_write_check(w->path, d));
-    if (snprintf(tmp, sizeof tmp, "%s.tmp.%ld", w->path, (long)getpid()) >= (int)sizeof tmp)
-        return pvx_fail(d, PVX_EINVAL, "%s: over-long name", w->path);
-    w->room.fd = open(tmp, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    w->room.fd = open(w->path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (w->room.fd < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
     hid_t fapl = take_h5_access(VOL_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
@@ -332,7 +317,7 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     H5Pset_link_phase_change(fcpl, ROOT_MOST, 0);
     H5Pset_est_link_info(fcpl, ROOT_MOST, 16);
     H5Pset_small_data_block_size(fapl, 0); /* chunks lie in the order of the sets */
-    w->file = H5Fcreate(tmp, H5F_ACC_TRUNC, fcpl, fapl);
+    w->file = H5Fcreate(w->path, H5F_ACC_TRUNC, fcpl, fapl);
     H5Pclose(fcpl);
     H5Pclose(fapl);
     pvx_err e = w->file < 0 ? hdf5_write_fail(w, "cannot be begun", d)
@@ -340,10 +325,8 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     if (e == PVX_OK && (!vol_hdf5_head(w->file, head) || !make_emission(w) || !make_columns(w) ||
                         !vol_hdf5_nexus(w->file, head) || H5Fstart_swmr_write(w->file) < 0))
         e = hdf5_write_fail(w, "cannot be begun", d);
-    if (e == PVX_OK)
-        e = hdf5_write_name(w, tmp, d);
     if (e != PVX_OK)
-        unlink(tmp);
+        unlink(w->path);
     return e;
 }
 

@@ -4,7 +4,6 @@
 #include <fcntl.h>
 #include <hdf5.h>
 #include <signal.h>
-#include <sys/inotify.h>
 #include <sys/wait.h>
 
 #include "base/file.h"
@@ -307,29 +306,6 @@ T_CASE(folder_of_npy_is_read_by_number)
     copy(at("n[1]*/000007.npy"), at("n[1]*/07.npy"), -1);
     T_EQ_I(vol_reader_open(at("n[1]*"), &r, &d), PVX_EFORMAT);
     T_CONTAINS(d.text, "have one number");
-    scratch_remove();
-}
-
-/* Another program that looks while a recording begins, or after a full disk, finds no file without a head. */
-T_CASE(a_file_has_its_name_with_its_head)
-{
-    struct pvp_start s = volumes_start(9, 8, 7, 1);
-    _Alignas(struct inotify_event) char events[8192];
-    bool created = false, moved = false;
-    scratch_new();
-    int fd = inotify_init1(IN_NONBLOCK);
-    T_OK(inotify_add_watch(fd, dir, IN_CREATE | IN_MOVED_TO) >= 0);
-    finish(begin(VOL_HDF5, at("v.h5"), &s));
-    ssize_t n = read(fd, events, sizeof events);
-    for (char *p = events; p < events + n;) {
-        const struct inotify_event *e = (const struct inotify_event *)p;
-        bool named = strcmp(e->name, "v.h5") == 0;
-        created |= named && (e->mask & IN_CREATE) != 0;
-        moved |= named && (e->mask & IN_MOVED_TO) != 0;
-        p += sizeof *e + e->len;
-    }
-    close(fd);
-    T_OK(moved && !created);
     scratch_remove();
 }
 
