@@ -84,7 +84,7 @@ T_CASE(every_format_bit_for_bit)
     guint n = 0;
     gint64 *codes = NULL;
     BED(codes = arv_camera_dup_available_pixel_formats(cam, &n, &e));
-    T_EQ_I(n, 48); /* Mono: 9, Bayer: 4 x 9, RGB8 BGR8 RGB16 */
+    T_EQ_I(n, 51); /* Mono: 9, Bayer: 4 x 9, RGB8 BGR8 RGB10 RGB12 RGB14 RGB16 */
     BED(arv_camera_gv_set_packet_size(cam, 9000, &e));
     for (guint k = 0; k < n; k++) {
         enum cap_pixfmt f = cap_pixfmt_from_pfnc((uint32_t)codes[k]);
