@@ -57,8 +57,12 @@ static uint64_t frame_of(const struct vol_numbered *n, const struct pvp_volume *
             (n->o.fps > 0 && v->t_exposure_ns < s->t_ns); /* the clock was set back */
     if (*anew)
         return s == NULL ? 1 : s->last + 1;
-    double ahead = n->o.fps > 0 ? round((double)(v->t_exposure_ns - n->base_t_ns) * 1e-9 * n->o.fps)
-                                : (double)v->set - (double)n->base_set;
+    /* Subtract before there are doubles, which take large numbers that are close for one. */
+    double ahead = -1;
+    if (n->o.fps > 0)
+        ahead = round((double)(v->t_exposure_ns - n->base_t_ns) * 1e-9 * n->o.fps);
+    else if (v->set > n->base_set)
+        ahead = (double)(v->set - n->base_set);
     double frame = (double)n->base + ahead;
     if (!(frame > (double)s->last))
         return 0;

@@ -122,6 +122,14 @@ PY
 }
 check clamped_values_and_missing_times_are_said clamped
 
+twice() { # a set that comes again has no file of its own
+    mkdir "$dir/twice" && cp "$dir/made/000002.npy" "$dir/twice/a.npy" && cp "$dir/made/000002.json" "$dir/twice/a.json" &&
+        cp "$dir/twice/a.npy" "$dir/twice/b.npy" && cp "$dir/twice/a.json" "$dir/twice/b.json" || return 1
+    run "$pyrovox" convert "$dir/twice" "$dir/twice.vdb"; says 0 "1 volumes in" "1 volumes are left out" || return 1
+    run "$pyrovox" convert "$dir/twice" "$dir/twice.h5"; says 0 "2 volumes in"
+}
+check sets_that_come_again_are_said twice
+
 rate() { # 15 sets a second as 30 and as 5 files; which set each shows is listed
     convert "$dir/src.h5" "$dir/fast" --format vdb --fps 30 && convert "$dir/src.h5" "$dir/slow" --format nvdb --fps 5 || return 1
     "$py" - "$dir" <<'PY'

@@ -163,6 +163,21 @@ T_CASE(numbers_have_no_holes)
     volume_bed_free(&b);
 }
 
+T_CASE(large_numbers) /* nanoseconds as numbers: a double takes these for one */
+{
+    struct volume_bed b;
+    void *w = NULL;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    T_EQ_I(vol_vdb_writer.open(&w, at("large"), &b.head, &(struct vol_options){0}, &d), PVX_OK);
+    for (uint64_t k = 1; k <= 3; k++)
+        T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, 2026112713451200000u + k, T0 + (int64_t)k),
+                                  &d),
+               PVX_OK);
+    T_EQ_I(vol_vdb_writer.close(w, &d), PVX_OK);
+    T_OK(there(at("large/large_0003.vdb")) && !there(at("large/large_0004.vdb")));
+    volume_bed_free(&b);
+}
+
 T_CASE(resampled) /* 20 sets/s as 10 files, as 40 */
 {
     struct volume_bed b;

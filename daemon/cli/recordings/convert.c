@@ -14,7 +14,8 @@ struct convert {
     int format; /* -1: from the name */
     int64_t from, to;
     struct vol_options o;
-    uint64_t written, clamped;
+    uint64_t written, clamped, behind;
+    uint64_t session, newest; /* set that was written last */
 };
 
 enum { OPT_FROM = 256, OPT_TO, OPT_UP, OPT_UNIT, OPT_SPLIT, OPT_FPS };
@@ -146,6 +147,18 @@ static pvx_err convert_timed(const struct convert *c, vol_reader *r, struct pvx_
                           c->in);
 }
 
+/* Numbered files show each set of a session once, in order: the writer leaves out what is not after the newest. */
+static bool convert_behind(struct convert *c, const struct pvp_volume *v)
+{
+    bool numbered = c->format == VOL_VDB || c->format == VOL_NVDB;
+    if (numbered && !(c->o.fps > 0) && c->written > 0 && v->session == c->session &&
+        v->set <= c->newest)
+        return true;
+    c->session = v->session;
+    c->newest = v->set;
+    return false;
+}
+
 /* Copy the volumes.  *w is opened for the first one: without a volume no file is made. */
 static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
 {
@@ -162,8 +175,10 @@ static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, st
                                         &c->o, w, d));
             PVX_TRY(copy_gaps(c, r, *w, &gap, v.v.set, d));
             PVX_TRY(vol_writer_put(*w, &v, d));
-            c->written++;
-            c->clamped += vol_beyond((enum vol_format)c->format, &v);
+            bool behind = convert_behind(c, &v.v);
+            c->behind += behind;
+            c->written += !behind;
+            c->clamped += !behind && vol_beyond((enum vol_format)c->format, &v);
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
@@ -220,6 +235,11 @@ static int convert_run(int argc, char **argv)
     e = convert_volumes(&c, &d);
     if (e == PVX_OK || e == PVX_ECANCELED)
         printf("%llu volumes in %s\n", (unsigned long long)c.written, c.out);
+    if (c.behind > 0)
+        fprintf(stderr,
+                "pyrovox: %llu volumes are left out: their sets are not after the one before; "
+                "hdf5 keeps them\n",
+                (unsigned long long)c.behind);
     if (c.clamped > 0)
         fprintf(stderr, VOL_CLAMPED_SAID, (unsigned long long)c.clamped);
     return e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;
