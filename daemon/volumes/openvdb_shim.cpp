@@ -340,6 +340,21 @@ int no_grid(const char *name, char *err, size_t err_size)
                 (std::string("has no grid ") + name + " as pyrovox writes it").c_str());
 }
 
+/* Whether a grid lies where its file's notes say; other programs move, scale and turn grids by their transform. */
+bool placed(const GridBase &grid, const vol_vdb_bricks &v)
+{
+    bool same = grid.transform().isLinear();
+    for (int k = 0; k < 4 && same; k++) { /* the corner and the ends of three axes */
+        openvdb::Vec3d at(0, 0, 0);
+        if (k < 3)
+            at[k] = 1000;
+        const openvdb::Vec3d world = grid.transform().indexToWorld(at);
+        for (int a = 0; a < 3; a++)
+            same &= std::fabs(world[a] - v.origin[a] - v.spacing[a] * at[a]) <= 1e-3 * v.spacing[a];
+    }
+    return same;
+}
+
 /* A .vdb's grids.  take puts all leaves of one grid into channel c (and the next ones) of the bricks. */
 struct Open {
     openvdb::GridPtrVecPtr grids;
@@ -354,6 +369,17 @@ struct Open {
             return no_grid(name, err, err_size);
         if (grid->tree().activeTileCount() != 0)
             return fail(PVX_EUNSUP, err, err_size, "has tiles: another program made it anew");
+        if (std::count_if(grids->begin(), grids->end(),
+                          [name](const GridBase::Ptr &g) { return g->getName() == name; }) > 1)
+            return fail(PVX_EUNSUP, err, err_size,
+                        "has several grids of one name: another program added them");
+        if (!placed(*grid, v))
+            return fail(PVX_EUNSUP, err, err_size,
+                        "its grid is not where its metadata say: another program moved, scaled or "
+                        "turned it");
+        if (grid->background() != openvdb::zeroVal<T>())
+            return fail(PVX_EUNSUP, err, err_size,
+                        "its background is not 0: another program changed it");
         int e = PVX_OK;
         for (auto leaf = grid->tree().cbeginLeaf(); leaf && e == PVX_OK; ++leaf)
             e = take_leaf(

@@ -25,7 +25,7 @@ extern "C" {
 #define VOL_VDB_NOEXCEPT
 #endif
 
-#define VOL_VDB_VERSION   3
+#define VOL_VDB_VERSION   4
 #define VOL_NVDB_NOTES    "pyrovox"
 #define VOL_VDB_NOTES_MAX 64
 
@@ -60,9 +60,10 @@ struct vol_vdb {
     int (*write_nvdb)(const struct vol_vdb_bricks *v, struct vol_vdb_bytes *out, char *err,
                       size_t err_size) VOL_VDB_NOEXCEPT;
     /* Read the bricks of a file.  OpenVDB and NanoVDB trust what they read and may crash on damaged bytes.  So call
-     * this in a process of its own and check its answer (vdb_child.c).  n, channels, split and y_up are input; ids
-     * and brick are output, from malloc.  PVX_EFORMAT: not such a file, or of other grids; PVX_ECORRUPT: a value that
-     * is not finite, a leaf outside the grid. */
+     * this in a process of its own and check its answer (vdb_child.c).  n, channels, split, y_up, origin and spacing
+     * are input; ids and brick are output, from malloc.  PVX_EFORMAT: not such a file, or of other grids;
+     * PVX_ECORRUPT: a value that is not finite, a leaf outside the grid; PVX_EUNSUP: a .vdb that another program
+     * changed. */
     int (*read_vdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
                     size_t err_size) VOL_VDB_NOEXCEPT;
     int (*read_nvdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,

@@ -1,7 +1,7 @@
 #include "daemon/volumes/vdb_layout.h"
 
 /* World of the index coordinates of openvdb_shim.h: with y up the axes are x, z, -y. */
-static void vdb_layout_place(const struct vol_vdb_about *a, struct vol_vdb_bricks *b)
+void vol_vdb_place(const struct vol_vdb_about *a, struct vol_vdb_bricks *b)
 {
     const struct pvp_grid *g = &a->v.grid;
     for (int i = 0; i < 3; i++) {
@@ -28,5 +28,5 @@ void vol_vdb_lay(struct vol_vdb_about *about, const struct vol_volume *v, struct
                                    .brick = v->brick,
                                    .notes = note,
                                    .n_notes = vol_vdb_notes_make(about, note)};
-    vdb_layout_place(about, out);
+    vol_vdb_place(about, out);
 }

@@ -10,6 +10,7 @@
 #include "base/file.h"
 #include "daemon/volumes/folder.h"
 #include "daemon/volumes/vdb_child.h"
+#include "daemon/volumes/vdb_layout.h"
 #include "daemon/volumes/vdb_module.h"
 #include "daemon/volumes/vdb_notes.h"
 
@@ -213,11 +214,8 @@ static pvx_err vdb_read_get(void *self, uint64_t k, struct vol_volume *out, stru
     if (!pvp_grid_same(&a.v.grid, &r->head.start.grid))
         return pvx_fail(d, PVX_ECORRUPT, "%s: has changed while it was read", path);
     PVX_TRY(pvx_file_read(path, FILE_MAX, &bytes, &len, d));
-    const struct pvp_grid *g = &a.v.grid;
-    struct vol_vdb_bricks b = {.n = {g->n[0], g->n[1], g->n[2]},
-                               .channels = g->channels,
-                               .split = a.split != 0,
-                               .y_up = a.y_up != 0};
+    struct vol_vdb_bricks b = {.n_bricks = 0};
+    vol_vdb_place(&a, &b);
     pvx_err e = vol_vdb_child_read(r->decode, path, bytes, len, &b, d);
     free(bytes);
     PVX_TRY(e);

@@ -97,6 +97,32 @@ PY
 }
 check other_programs_find_each_voxel layouts
 
+changed() { # by another program, so that a voxel is not where, or not what, the metadata say
+    "$py" - "$dir" <<'PY' || return 1
+import sys, pyopenvdb as vdb
+def changed(name, change):
+    grids, meta = vdb.readAll(f"{sys.argv[1]}/again.vdb")
+    emission = next(g for g in grids if g.name == "emission")
+    vdb.write(f"{sys.argv[1]}/{name}.vdb", grids + (change(emission) or []), meta)
+def another(grid):
+    other = vdb.Vec3SGrid()
+    other.name = grid.name
+    return [other]
+changed("moved", lambda g: g.transform.translate((0.02, 0, 0)))
+changed("scaled", lambda g: g.transform.scale(1.01))
+changed("turned", lambda g: g.transform.rotate(0.1))
+changed("filled", lambda g: setattr(g, "background", (1, 1, 1)))
+changed("twofold", another)
+PY
+    local f
+    for f in moved scaled turned; do
+        run "$pyrovox" convert "$dir/$f.vdb" "$dir/$f" --format npy; says 1 "$f.vdb: its grid is not where" || return 1
+    done
+    run "$pyrovox" convert "$dir/filled.vdb" "$dir/filled" --format npy; says 1 "filled.vdb: its background is not 0" || return 1
+    run "$pyrovox" convert "$dir/twofold.vdb" "$dir/twofold" --format npy; says 1 "twofold.vdb: has several grids of one name"
+}
+check changed_grids_are_refused changed
+
 validates() { # the check above can fail
     cp "$dir"/nvdb/nvdb_0003.nvdb "$dir/bad.nvdb"
     "$py" - "$dir/bad.nvdb" <<'PY'
