@@ -198,6 +198,18 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
                          path);
 }
 
+/* The .json of a file NUMBER.npy says that number; else it was copied from another one. */
+static pvx_err npy_read_numbered(const char *path, uint64_t set, struct pvx_diag *d)
+{
+    const char *slash = strrchr(path, '/'), *name = slash != NULL ? slash + 1 : path;
+    if (strcmp(name + strspn(name, "0123456789"), ".npy") != 0 || strtoull(name, NULL, 10) == set)
+        return PVX_OK;
+    return pvx_fail(d, PVX_ERANGE,
+                    "%s: its .json is of set %llu, of another file; name the two alike after their "
+                    "set",
+                    path, (unsigned long long)set);
+}
+
 static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
                              struct pvp_start *start, struct pvx_diag *d)
 {
@@ -217,6 +229,8 @@ static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
         e = pvx_fail(d, PVX_EFORMAT, "%s: a volume is [nz][ny][nx] or [nz][ny][nx][1 or 3]", path);
     if (e == PVX_OK)
         e = read_json(path, shape, out, start, d);
+    if (e == PVX_OK)
+        e = npy_read_numbered(path, out->v.set, d);
     if (e == PVX_OK)
         e = vol_from_dense(&r->store, &out->v.grid, dense);
     if (e == PVX_ECORRUPT)

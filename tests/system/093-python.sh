@@ -409,6 +409,7 @@ if not ok: sys.exit(f"{r}")
 for v in r:
     m = json.load(open(f"{sys.argv[1]}/{v.set:06d}.json"))
     m["frame"], m["time_ns"], m["clock"], m["solver"] = m.pop("set"), m.pop("t_exposure_ns"), "CLOCK_REALTIME", m.pop("report")
+    m["frame"] += 999997
     import os
     os.makedirs(sys.argv[1] + "-frames", exist_ok=True)
     json.dump({**m, "units": "emission per metre"}, open(f"{sys.argv[1]}-frames/{v.set + 999997:06d}.json", "w"))
@@ -423,6 +424,16 @@ try:
     pyrovox.open(sys.argv[1] + "-frames"); sys.exit("two of one number")
 except ValueError as e:
     if "have one number" not in str(e): sys.exit(str(e))
+import shutil
+for s, change, text in (1, lambda to: os.remove(to), "000001.json: is missing"), \
+                       (4, lambda to: shutil.copy(sys.argv[1] + "/000003.json", to), "000004.json: is of set 3"):
+    part = f"{sys.argv[1]}-{s}"
+    shutil.copytree(sys.argv[1], part)
+    change(f"{part}/{s:06d}.json")
+    try:
+        pyrovox.open(part); sys.exit(f"{text} was not said")
+    except ValueError as e:
+        if text not in str(e): sys.exit(str(e))
 a = np.load(sys.argv[1] + "/000002.npy"); a[0, 0, 0, 0] = np.inf; np.save(sys.argv[1] + "/000002.npy", a)
 m = json.load(open(sys.argv[1] + "/000003.json")); m["shape"] = [1024, 1024, 1024, 3]
 json.dump(m, open(sys.argv[1] + "/000003.json", "w"))

@@ -303,6 +303,13 @@ T_CASE(folder_of_npy_is_read_by_number)
         T_EQ_I(set_of(r, k), sets[k]);
     T_EQ_I(vol_reader_count(r), 4);
     vol_reader_close(&r);
+    copy(at("n[1]*/000007.json"), at("n[1]*/1000000.json"), -1); /* of another file */
+    T_EQ_I(vol_reader_open(at("n[1]*"), &r, &d), PVX_OK);
+    struct vol_volume v;
+    T_EQ_I(vol_reader_get(r, 2, &v, &d), PVX_ERANGE);
+    T_CONTAINS(d.text, "1000000.npy: its .json is of set 7");
+    vol_reader_close(&r);
+    d.text[0] = '\0';
     copy(at("n[1]*/000007.npy"), at("n[1]*/07.npy"), -1);
     T_EQ_I(vol_reader_open(at("n[1]*"), &r, &d), PVX_EFORMAT);
     T_CONTAINS(d.text, "have one number");

@@ -51,9 +51,8 @@ class Folder:
         pass
 
     def refresh(self) -> None:
-        # a volume's .json comes after its .npy
-        names = sorted((n[:-5] for n in os.listdir(self.path) if n.endswith(".json") and n[:-5].isdigit()), key=int)
-        self.names = [n for n in names if os.path.exists(os.path.join(self.path, n + ".npy"))]
+        # a volume's .npy comes after its .json
+        self.names = sorted((n[:-4] for n in os.listdir(self.path) if n.endswith(".npy") and n[:-4].isdigit()), key=int)
         for a, b in zip(self.names, self.names[1:]):
             if int(a) == int(b):
                 raise BadRecording(f"{self.path}: {a}.npy and {b}.npy have one number: move one of them away")
@@ -87,7 +86,14 @@ class Folder:
         self.units = str(first.get("units", "1/m")) if "set" in first else "1/m"
 
     def _describe(self, name: str) -> dict[str, Any]:
-        return load(os.path.join(self.path, name + ".json"))
+        path = os.path.join(self.path, name + ".json")
+        if not os.path.exists(path):
+            raise BadRecording(f"{path}: is missing; move {name}.npy away, or let pyrovox repair do so")
+        m = load(path)
+        number = int(m["set"] if "set" in m else m["frame"]) % (1 << 64)  # written as of 64 bits with a sign
+        if number != int(name):
+            raise BadRecording(f"{path}: is of set {number}, of another file; name the two alike after their set")
+        return m
 
     def _times(self, name: str) -> int:
         return exposure(self._describe(name))
