@@ -118,6 +118,38 @@ static unsigned long tiff_says(const char *text, const char *key)
     return at != NULL ? strtoul(at + strlen(key), NULL, 10) : 0;
 }
 
+/* Pictures by the text of Python's tifffile, {"shape": [4, 60, 80]}.  0: it does not say so. */
+static unsigned long tiff_shaped(const struct tiff_folder *f, const char *text)
+{
+    static const char key[] = "\"shape\": [";
+    uint64_t all = 1, one = f->width * f->height * (f->samples > 1 ? f->samples : 1);
+    const char *p = *text == '{' ? strstr(text, key) : NULL;
+    if (p == NULL || one == 0)
+        return 0;
+    for (p += sizeof key - 1;; p++) {
+        char *end;
+        uint64_t n = strtoul(p, &end, 10);
+        if (end == p || __builtin_mul_overflow(all, n, &all))
+            return 0;
+        if (*(p = end) != ',')
+            return all / one;
+    }
+}
+
+/* ImageJ's line or curve from a sample to what it means: signed samples are stored with 32768 added.  A function of
+ * density (21) has no coefficients. */
+static pvx_err tiff_uncalibrated(const char *text, const char *name, struct pvx_diag *d)
+{
+    if (strncmp(text, "ImageJ=", 7) != 0 || strstr(text, "\ncf=") == NULL ||
+        (strstr(text, "\nc0=") == NULL && tiff_says(text, "\ncf=") != 21))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EUNSUP,
+                    "%s: ImageJ's calibration in it (cf=) gives its samples another meaning, for "
+                    "instance 32768 less: convert it to 32 bits in ImageJ (Image > Type), which "
+                    "applies it, or take it out (Analyze > Calibrate > None)",
+                    name);
+}
+
 /* Refuses a folder of tags that stands for more pictures than one, and pages that are not one picture after the
  * other: ImageJ and OME write channels (of two cameras, too) and layers as pages. */
 static pvx_err tiff_is_sequence(const struct tiff_chain *t, const struct tiff_folder *first,
@@ -128,8 +160,11 @@ static pvx_err tiff_is_sequence(const struct tiff_chain *t, const struct tiff_fo
     size_t n = first->length < sizeof text ? (size_t)first->length : sizeof text - 1;
     (void)cap_bytes_get(t->b, first->text, text, n);
     bool imagej = strncmp(text, "ImageJ=", 7) == 0, ome = strstr(text, "<OME") != NULL;
+    PVX_TRY(tiff_uncalibrated(text, t->name, d));
     if (imagej)
         images = tiff_says(text, "\nimages=");
+    else if (images == 0)
+        images = tiff_shaped(first, text);
     if (images > pages)
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: says it has %lu pictures, but the tags of %u: save them as pages with "

@@ -215,6 +215,27 @@ T_CASE(pages_are_pictures)
         T_EQ_I(cap_image_pages(at("mixed.tif"), &pages, &d), i < 4 ? PVX_EUNSUP : PVX_OK);
         T_CONTAINS(d.text, i < 4 ? "not one picture after the other" : "");
     }
+    static const struct {
+        const char *text, *says;
+    } one[] = {
+        {"ImageJ=1.53t\nmin=0\ncf=0\nc0=-32768\nc1=1\nvunit=Gray Value\n", "ImageJ's calibration"},
+        {"ImageJ=1.53t\ncf=21\nvunit=Uncalibrated OD\n", "ImageJ's calibration"},
+        {"ImageJ=1.53t\ncf=0\nvunit=counts\n", ""},
+        {"{\"shape\": [12, 12, 20, 1], \"truncated\": true}", "has 12 pictures, but the tags of 1"},
+        {"{\"shape\": [18446744073709551615, 2]}", ""},
+        {"{\"axes\": \"YX\", \"shape\": [12, 20]}", ""},
+        {"{\"shape\": [", ""}};
+    for (size_t i = 0; i < sizeof one / sizeof one[0]; i++) {
+        mixed[0].text = one[i].text;
+        write_tiff("one.tif", mixed, 1);
+        d.text[0] = '\0';
+        T_EQ_I(cap_image_pages(at("one.tif"), &pages, &d),
+               *one[i].says != '\0' ? PVX_EUNSUP : PVX_OK);
+        T_CONTAINS(d.text, one[i].says);
+        d.text[0] = '\0';
+        T_EQ_I(cap_image_load(at("one.tif"), &l, &d), *one[i].says != '\0' ? PVX_EUNSUP : PVX_OK);
+        cap_loaded_free(&l);
+    }
     write_tiff("previews.tif", stack, 1);
     T_EQ_I(cap_image_pages(at("previews.tif"), &pages, &d), PVX_EUNSUP);
     T_CONTAINS(d.text, "previews.tif: has only previews");
