@@ -133,6 +133,14 @@ struct out {
     uint64_t bytes;
 };
 
+/* All digits, where cJSON's own numbers are doubles. */
+static void npy_whole(cJSON *o, const char *key, uint64_t v)
+{
+    char text[24];
+    snprintf(text, sizeof text, "%llu", (unsigned long long)v);
+    cJSON_AddRawToObject(o, key, text);
+}
+
 static char *list_text(const struct out *w, bool closed)
 {
     const struct pvp_start *s = &w->start;
@@ -149,9 +157,9 @@ static char *list_text(const struct out *w, bool closed)
         const struct vol_gap *g = &w->gaps.gap[k];
         cJSON *one = cJSON_CreateObject();
         cJSON_AddStringToObject(one, "why", vol_gap_names[g->why]);
-        cJSON_AddNumberToObject(one, "set_first", (double)g->set_first);
-        cJSON_AddNumberToObject(one, "set_last", (double)g->set_last);
-        cJSON_AddNumberToObject(one, "volumes", (double)g->volumes);
+        npy_whole(one, "set_first", g->set_first);
+        npy_whole(one, "set_last", g->set_last);
+        npy_whole(one, "volumes", g->volumes);
         cJSON_AddItemToArray(list, one);
     }
     cJSON_AddItemToObject(o, "gaps", list);

@@ -76,6 +76,20 @@ static uint64_t big(const cJSON *o, const char *key)
     return v >= 0 && v < 0x1p63 ? (uint64_t)v : 0;
 }
 
+/* The same with all its digits, which stand in the text behind `at`: the double tells whether it is this number. */
+static uint64_t npy_read_big(const cJSON *o, const char *key, const char *at)
+{
+    char quoted[48];
+    snprintf(quoted, sizeof quoted, "\"%s\"", key);
+    const char *p = at != NULL ? strstr(at, quoted) : NULL;
+    uint64_t about = big(o, key), all;
+    if (p == NULL)
+        return about;
+    p += strlen(quoted);
+    all = strtoull(p + strspn(p, ": \t"), NULL, 10);
+    return (double)all == (double)about ? all : about;
+}
+
 static bool npy_read_triple(const cJSON *o, const char *key, double out[3])
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, key);
@@ -255,12 +269,14 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
 {
     char *text = text_file(dir, "recording.json");
     cJSON *o = text != NULL ? cJSON_Parse(text) : NULL;
-    free(text);
-    if (o == NULL)
+    if (o == NULL) {
+        free(text);
         return PVX_OK; /* of `pyrovox reconstruct`, or of an earlier version */
+    }
     double version = npy_read_number(o, "version");
     if (version > VERSION) {
         cJSON_Delete(o);
+        free(text);
         return pvx_fail(d, PVX_EFORMAT,
                         "%s/recording.json: version %g of the layout; this program reads %d: "
                         "update it",
@@ -273,8 +289,10 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
     r->start.n_cameras = cameras <= PVP_CAMERAS_MAX ? cameras : 0;
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, "gaps"), *g;
     r->gap = pvx_calloc((size_t)cJSON_GetArraySize(list), sizeof *r->gap);
+    const char *at = strstr(text, "\"gaps\"");
     cJSON_ArrayForEach(g, list)
     {
+        at = at != NULL ? strchr(at + 1, '{') : NULL;
         const char *why = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(g, "why"));
         if (r->gap == NULL || why == NULL)
             break;
@@ -282,11 +300,12 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
         while (known > VOL_GAP_LOST && strcmp(why, vol_gap_names[known]) != 0)
             known--;
         r->gap[r->n_gaps++] = (struct vol_gap){.why = (enum vol_gap_why)known,
-                                               .set_first = big(g, "set_first"),
-                                               .set_last = big(g, "set_last"),
-                                               .volumes = big(g, "volumes")};
+                                               .set_first = npy_read_big(g, "set_first", at),
+                                               .set_last = npy_read_big(g, "set_last", at),
+                                               .volumes = npy_read_big(g, "volumes", at)};
     }
     cJSON_Delete(o);
+    free(text);
     return r->gap != NULL ? PVX_OK : PVX_ENOMEM;
 }
 

@@ -211,10 +211,12 @@ skipped() { # sets that are not there, or not solved, are gaps of who records wh
     cp -r "$dir/made" "$dir/holes" && rm "$dir"/holes/00000[347].* || return 1
     timeout "$patience" "$pyrovox" play "$dir/holes" --speed 0 --quiet --endpoint "$volumes" & local p=$!
     run "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/holes.h5"; says 0 "9 volumes in" " 0 messages lost" && ended "$p" 0 || return 1
+    convert "$dir/holes.h5" "$dir/late.h5" --from 4 || return 1 # in the middle of a gap
     "$py" -c 'import sys, h5py
-g = h5py.File(sys.argv[1], "r")["gaps"]
-g = [[int(x) for x in g[k]] for k in ("why", "set_first", "set_last", "volumes")]
-assert g == [[0, 0], [3, 7], [4, 7], [0, 0]], g' "$dir/holes.h5"
+for name, first in zip(sys.argv[1:], (3, 4)):
+    g = h5py.File(name, "r")["gaps"]
+    g = [[int(x) for x in g[k]] for k in ("why", "set_first", "set_last", "volumes")]
+    assert g == [[0, 0], [first, 7], [4, 7], [0, 0]], (name, g)' "$dir/holes.h5" "$dir/late.h5"
 }
 check gaps_are_played skipped
 

@@ -296,12 +296,16 @@ T_CASE(folder_of_npy_is_read_by_number)
     vol_writer *w = begin(VOL_NPY, at("n[1]*"), &s); /* no pattern */
     for (size_t k = 4; k-- > 0;)
         put(w, &s, sets[k], 0.5);
+    const struct vol_gap lost = {VOL_GAP_LOST, sets[3] + 1, sets[3] + 2, 2}; /* no doubles */
+    T_EQ_I(vol_writer_gap(w, &lost, NULL), PVX_OK);
     finish(w);
     T_EQ_I(pvx_file_write(at("n[1]*/._000007.npy"), "x", 1, NULL), PVX_OK); /* hidden */
     T_CHECK_(vol_reader_open(at("n[1]*"), &r, &d) == PVX_OK, "%s", d.text);
     for (uint64_t k = 0; k < 4 && r != NULL; k++)
         T_EQ_I(set_of(r, k), sets[k]);
     T_EQ_I(vol_reader_count(r), 4);
+    const struct vol_gap *gap = r != NULL ? vol_reader_gap(r, 0) : NULL;
+    T_OK(gap != NULL && gap->set_first == lost.set_first && gap->set_last == lost.set_last);
     vol_reader_close(&r);
     copy(at("n[1]*/000007.json"), at("n[1]*/1000000.json"), -1); /* of another file */
     T_EQ_I(vol_reader_open(at("n[1]*"), &r, &d), PVX_OK);

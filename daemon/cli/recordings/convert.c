@@ -119,14 +119,32 @@ static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* What --from and --to leave of a gap; false: nothing. */
+static bool convert_cut_gap(const struct convert *c, struct vol_gap *g)
+{
+    const struct vol_gap all = *g;
+    if (g->set_first < (uint64_t)c->from)
+        g->set_first = (uint64_t)c->from;
+    if (g->set_last > (uint64_t)c->to)
+        g->set_last = (uint64_t)c->to;
+    if (g->set_first > g->set_last)
+        return false;
+    uint64_t cut = all.set_last - all.set_first - (g->set_last - g->set_first);
+    if (cut > 0) /* how many are missing is known where all are */
+        g->volumes = all.volumes == all.set_last - all.set_first + 1 ? all.volumes - cut : 0;
+    return true;
+}
+
 /* Copy the gaps that lie before set `before`, from the k-th on. */
 static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_writer *w, uint64_t *k,
                          uint64_t before, struct pvx_diag *d)
 {
     const struct vol_gap *g;
-    for (; (g = vol_reader_gap(r, *k)) != NULL && g->set_last < before; ++*k)
-        if (g->set_first >= (uint64_t)c->from && g->set_last <= (uint64_t)c->to)
-            PVX_TRY(vol_writer_gap(w, g, d));
+    for (; (g = vol_reader_gap(r, *k)) != NULL && g->set_last < before; ++*k) {
+        struct vol_gap part = *g;
+        if (convert_cut_gap(c, &part))
+            PVX_TRY(vol_writer_gap(w, &part, d));
+    }
     return PVX_OK;
 }
 
