@@ -97,6 +97,23 @@ static bool look_at_layout(struct in *r)
     return layout != H5D_VIRTUAL;
 }
 
+/* The number of a filter of /emission that this HDF5 lacks, or -1.  Programs bring their own, as h5py its lzf. */
+static int hdf5_read_lacks(const struct in *r)
+{
+    hid_t p = H5Dget_create_plist(r->emission);
+    int n = H5Pget_nfilters(p), lacks = -1;
+    for (int k = 0; k < n && lacks < 0; k++) {
+        unsigned flags;
+        size_t values = 0;
+        H5Z_filter_t filter = H5Pget_filter2(p, (unsigned)k, &flags, &values, NULL, 0, NULL, NULL);
+        if (filter >= 0 && H5Zfilter_avail(filter) <= 0)
+            lacks = filter;
+    }
+    H5Pclose(p);
+    H5Eclear2(H5E_DEFAULT);
+    return lacks;
+}
+
 static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struct pvx_diag *d)
 {
     struct pvp_grid *g = &r->start.grid;
@@ -119,6 +136,12 @@ static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struc
         return hdf5_read_wrong(r, d, "the shape of emission");
     g->channels = (uint32_t)n[4];
     *sets = n[0];
+    int lacks = hdf5_read_lacks(r);
+    if (lacks >= 0)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: is compressed by HDF5 filter %d, which this program lacks; write it "
+                        "anew with gzip or without compression",
+                        r->path, lacks);
     return look_at_layout(r) ? PVX_OK : hdf5_read_wrong(r, d, "emission is in other files");
 }
 

@@ -198,6 +198,20 @@ PY
 }
 check read_after_h5repack repacked
 
+filtered() { # by a filter that only h5py has: named, and not taken for a file that was cut
+    "$py" - "$dir/sparse.h5" "$dir/lzf.h5" <<'PY' || return 1
+import sys, h5py
+with h5py.File(sys.argv[1], "r") as a, h5py.File(sys.argv[2], "w") as b:
+    for k in a:
+        if k != "emission": a.copy(k, b)
+    for k, v in a.attrs.items(): b.attrs[k] = v
+    b.create_dataset("emission", data=a["emission"][:], compression="lzf", chunks=True)
+PY
+    run "$pyrovox" convert "$dir/lzf.h5" "$dir/lzf" --format npy
+    says 1 "lzf.h5: is compressed by HDF5 filter 32000"
+}
+check unknown_filters_are_named filtered
+
 damaged() { # one of a recording that was closed: convert names it, and repair leaves it out
     cp "$dir/sparse.h5" "$dir/spoiled.h5"
     "$py" -c 'import sys, h5py; h5py.File(sys.argv[1], "r+")["emission"][1, 20, 20, 4, 0] += 1' "$dir/spoiled.h5"
