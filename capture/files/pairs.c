@@ -234,6 +234,24 @@ static pvx_err pairs_judge(struct pairing *w, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* Pages count from the first file that is there, so cameras with several files must begin with the same one. */
+static pvx_err pairs_stacks(const struct pairing *w, struct pvx_diag *d)
+{
+    const struct cap_reel *first = NULL, *r;
+    for (size_t c = 0; c < w->cameras; c++) {
+        r = &w->reel[c];
+        if (r->n == 0 || r->kind != CAP_REEL_PAGES || r->files < 2 || r->begin < 0)
+            continue;
+        first = first == NULL ? r : first;
+        if (r->begin != first->begin)
+            return pvx_fail(d, PVX_EINVAL,
+                            "%s is the first file of %s, and %s that of another camera: their "
+                            "numbers should be the same; is a file missing before one of them?",
+                            r->path[0], w->camera[c], first->path[0]);
+    }
+    return PVX_OK;
+}
+
 /* ---- all -------------------------------------------------------------------------------------- */
 
 static pvx_err pairs_kind(struct pairing *w, enum cap_numbers numbers, struct pvx_diag *d)
@@ -266,6 +284,8 @@ pvx_err cap_pairs_find(const struct cap_reel *reel, const char *const *camera, s
     struct pairing w = {.reel = reel, .camera = camera, .cameras = cameras, .out = out};
     *out = (struct cap_pairs){0};
     PVX_TRY(pairs_kind(&w, numbers, d));
+    if (!apart)
+        PVX_TRY(pairs_stacks(&w, d));
     if (w.times)
         PVX_TRY(pairs_fastest(&w, d));
     size_t *next = pvx_calloc(cameras, sizeof *next);

@@ -113,6 +113,20 @@ static pvx_err reel_add_pages(struct cap_reel *r, size_t file, struct pvx_diag *
     return PVX_OK;
 }
 
+/* Whether the numbered files go on with the one that has no number: a dark beside a recording is no part of it. */
+static bool reel_goes_on(const struct cap_sequence *s)
+{
+    const char *first = s->first_unnumbered;
+    size_t n = strlen(first), dot;
+    while (n > 0 && first[n - 1] != '/')
+        n--;
+    dot = n + strcspn(first + n, ".");
+    for (size_t i = 0; i < s->n; i++)
+        if (strncmp(s->item[i].path, first, dot) != 0)
+            return false;
+    return true;
+}
+
 /* The pages of all files.  The number of a page is known only if no file is missing. */
 static pvx_err reel_open_pages(struct cap_reel *r, const struct cap_sequence *s, struct pvx_diag *d)
 {
@@ -121,12 +135,14 @@ static pvx_err reel_open_pages(struct cap_reel *r, const struct cap_sequence *s,
         return pvx_fail(d, PVX_EINVAL,
                         "%s and others have no number: nothing tells the order of the files",
                         s->first_unnumbered);
+    size_t before = r->files - s->n; /* the file without a number */
+    r->begin = s->n > 0 ? s->item[0].number - (int64_t)before : -1;
     for (size_t i = 1; i < s->n; i++)
         if (s->item[i].number != s->item[i - 1].number + 1)
             return pvx_fail(d, PVX_EINVAL,
                             "%s and %s: a file is missing between them, so it is not known which "
                             "frames the pages of the second are",
-                            s->item[i - 1].path, s->item[i].path);
+                            r->path[before + i - 1], r->path[before + i]);
     for (size_t i = 0; i < r->files; i++)
         PVX_TRY(reel_add_pages(r, i, d));
     return PVX_OK;
@@ -134,13 +150,19 @@ static pvx_err reel_open_pages(struct cap_reel *r, const struct cap_sequence *s,
 
 static pvx_err reel_open_pictures(struct cap_reel *r, struct cap_sequence *s, struct pvx_diag *d)
 {
-    bool first = s->unnumbered == 1 && reel_is_stack(s->first_unnumbered);
+    bool stack = s->unnumbered == 1 && reel_is_stack(s->first_unnumbered);
+    bool first = stack && reel_goes_on(s);
     uint32_t pages = 1;
     if ((r->path = pvx_calloc(s->n + 1, sizeof *r->path)) == NULL)
         return PVX_ENOMEM;
     const char *look = first ? s->first_unnumbered : s->n > 0 ? s->item[0].path : "";
     if (reel_is_stack(look))
         PVX_TRY(cap_image_pages(look, &pages, d));
+    if (pages > 1 && stack && !first)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s has no number, and the names of the others, as %s, do not begin as its "
+                        "own: give it a number, or move it away if it is no part of the recording",
+                        s->first_unnumbered, s->item[0].path);
     if (pages > 1 && first && (r->path[r->files++] = strdup(look)) == NULL)
         return PVX_ENOMEM;
     for (size_t i = 0; i < s->n; i++) {

@@ -3,7 +3,8 @@
  *
  *   what cap_sequence_find takes: a folder, a pattern, a glob or one image
  *   a TIFF file of several pages: every page is a frame; of a folder of them, the pages of all, one file after
- *                        another.  A file without a number comes first, and no number may be missing
+ *                        another.  A file without a number comes first, and the others' names must begin as its own
+ *                        (REC.tif, REC@0001.tif).  No number may be missing
  *   a film, or a folder with one film in it
  * Ownership: the struct is the caller's.  Threads: one at a time per reel. */
 #ifndef CAP_REEL_H
@@ -20,6 +21,7 @@ struct cap_reel {
             at; /* number of the picture; of a page, from 0; of a film the presentation time, ns */
         uint32_t file, page; /* the page counts from 0 in its file */
     } * frame;               /* [n] ascending, no two of one number or time */
+    int64_t begin;           /* with pages: number of the first file; -1: not known */
     size_t files;
     char **path;     /* [files] */
     size_t left_out; /* pictures without a number, the first of which is: */

@@ -146,4 +146,8 @@ T_CASE(times_meet_the_nearest)
     sets(2, CAP_NUMBERS_COUNT, "0:0 1:1 2:2 3:3 4:-");
     SAYS("taken to have started together");
     cap_pairs_free(&p);
+    reel[0].files = reel[1].files = 2; /* the second has lost its first file */
+    reel[0].begin = 1;
+    reel[1].begin = 2;
+    fails(2, CAP_NUMBERS_COUNT, "is the first file of cam1");
 }

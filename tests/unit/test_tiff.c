@@ -5,6 +5,7 @@
 
 #include "base/file.h"
 #include "capture/files/imgio.h"
+#include "capture/files/reel.h"
 #include "tests/lib/scratch.h"
 
 enum { W = 20, H = 12 };
@@ -239,6 +240,34 @@ T_CASE(pages_are_pictures)
     write_tiff("previews.tif", stack, 1);
     T_EQ_I(cap_image_pages(at("previews.tif"), &pages, &d), PVX_EUNSUP);
     T_CONTAINS(d.text, "previews.tif: has only previews");
+}
+
+/* The file without a number is the first of a recording, or it is no part of it. */
+T_CASE(stacks_in_a_folder)
+{
+    const struct kind one = {.photometric = 1, .samples = 1, .bits = 16}, stack[] = {one, one};
+    struct pvx_diag d = {""};
+    struct cap_reel r;
+    T_EQ_I(mkdir(at("stacks"), 0700), 0);
+    write_tiff("stacks/rec@0001.tif", stack, 2);
+    write_tiff("stacks/rec.tif", stack, 2);
+    T_EQ_I(cap_reel_open(at("stacks"), &r, &d), PVX_OK);
+    T_OK(r.kind == CAP_REEL_PAGES && r.n == 4 && r.begin == 0);
+    T_CONTAINS(r.path[0], "stacks/rec.tif");
+    cap_reel_close(&r);
+    T_EQ_I(rename(at("stacks/rec.tif"), at("stacks/dark.tif")), 0);
+    T_EQ_I(cap_reel_open(at("stacks"), &r, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "stacks/dark.tif has no number");
+    cap_reel_close(&r);
+    d.text[0] = '\0';
+    T_EQ_I(remove(at("stacks/dark.tif")), 0);
+    T_EQ_I(cap_reel_open(at("stacks"), &r, &d), PVX_OK);
+    T_OK(r.n == 2 && r.begin == 1);
+    cap_reel_close(&r);
+    write_tiff("stacks/rec@0003.tif", stack, 2);
+    T_EQ_I(cap_reel_open(at("stacks"), &r, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "rec@0003.tif: a file is missing between them");
+    cap_reel_close(&r);
 }
 
 /* The picture is that which was written, to half a step of its samples, in the format that holds them. */
