@@ -53,6 +53,7 @@ static pvx_err pairs_fastest(struct pairing *w, struct pvx_diag *d)
 {
     double slowest = 0;
     size_t slow = 0;
+    int64_t least = INT64_MAX, most = INT64_MIN;
     for (size_t c = 0; c < w->cameras; c++) {
         const struct cap_reel *r = &w->reel[c];
         if (r->n > 0 && (r->frame[r->n - 1].at > INT64_MAX / 4 / w->unit ||
@@ -60,6 +61,10 @@ static pvx_err pairs_fastest(struct pairing *w, struct pvx_diag *d)
             char room[CAP_REEL_NAME];
             return pvx_fail(d, PVX_ERANGE, "%s: its number is too large for a time in this unit",
                             cap_reel_name(r, r->n - 1, room));
+        }
+        if (r->n > 0) {
+            least = pairs_time(w, c, 0) < least ? pairs_time(w, c, 0) : least;
+            most = pairs_time(w, c, 0) > most ? pairs_time(w, c, 0) : most;
         }
         double step = cap_reel_step(r) * (double)w->unit;
         if (step > slowest) {
@@ -74,6 +79,11 @@ static pvx_err pairs_fastest(struct pairing *w, struct pvx_diag *d)
     }
     while (w->fastest + 1 < w->cameras && w->reel[w->fastest].n == 0)
         w->fastest++;
+    if (most > least && !(w->step > 0))
+        return pairs_say(w->out,
+                         "no camera has two frames, so that no frame period is known: they are "
+                         "taken as one set, though their times are %.4g s apart",
+                         (double)(most - least) * 1e-9);
     if (slowest > w->step * (1 + RATES))
         return pairs_say(w->out,
                          "%s has %.4g frames a second and %s %.4g: sets come at the higher rate, "

@@ -150,4 +150,10 @@ T_CASE(times_meet_the_nearest)
     reel[0].begin = 1;
     reel[1].begin = 2;
     fails(2, CAP_NUMBERS_COUNT, "is the first file of cam1");
+
+    has(0, CAP_REEL_PICTURES, 1, 1000, 1); /* nothing tells what is near */
+    has(1, CAP_REEL_PICTURES, 1, 61000, 1);
+    sets(2, CAP_NUMBERS_MS, "0:0");
+    SAYS("their times are 60 s apart");
+    cap_pairs_free(&p);
 }
