@@ -12,9 +12,10 @@ pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels)
 {
     if (bricks <= s->room && channels == s->channels)
         return PVX_OK;
+    size_t n = bricks > 0 ? bricks : 1;
     vol_store_free(s);
-    s->ids = malloc(bricks * sizeof *s->ids);
-    s->brick = malloc((size_t)bricks * B * B * B * channels * sizeof *s->brick);
+    s->ids = malloc(n * sizeof *s->ids);
+    s->brick = malloc(n * B * B * B * channels * sizeof *s->brick);
     if (s->ids == NULL || s->brick == NULL) {
         vol_store_free(s);
         return PVX_ENOMEM;
