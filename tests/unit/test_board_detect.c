@@ -197,10 +197,10 @@ T_CASE(layouts_of_aprilgrids)
                                         "aprilgrid:4x3:0.03:0.009:kalibr"};
     for (int i = 0; i < 2; i++) {
         use(given[i]);
-        for (uint8_t grid = 0; grid <= REC_GRID_KALIBR; grid++) {
+        for (int grid = 0; grid <= REC_GRID_KALIBR; grid++) {
             struct rec_board seen = board;
             struct board_shot s = shot(REC_FRONT, 44, 25, 30 * grid, 50 * grid);
-            seen.grid = grid;
+            seen.grid = (uint8_t)grid;
             struct rec_board_sight sight = look(&seen, &s);
             T_CHECK_(sight.outcome == REC_SIGHT_FOUND, "%s, %d: %s", given[i], grid, sight.text);
             T_EQ_I(sight.grid, grid);
