@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define TINY    0.03 /* of the picture's shorter side */
+#define PLAIN   0.01 /* the same: wrong units make it smaller than this */
 #define FITS    0.2  /* share of the volume that a camera sees by a reading that fits */
 #define LITTLE  0.5 /* mean share; if the cameras see less, another reading is believed that shows */
 #define WHOLE   0.9  /* this much */
@@ -77,16 +78,29 @@ static struct rec_camera blind_read(const struct rec_camera *c, struct reading w
     return o;
 }
 
-/* The principal point is near the middle of the picture, once the lens is read so, and not before. */
-static bool blind_lens_fits(const struct rec_camera *c, size_t lens)
+/* How far the volume's middle is from that of the picture, in pictures; 0: behind the camera. */
+static double blind_off_middle(const struct rec_camera *c, const struct rec_grid *g)
 {
+    double X[3], uv[2];
+    for (int a = 0; a < 3; a++)
+        X[a] = 0.5 * (g->min[a] + g->max[a]);
+    return rec_camera_project(c, X, uv)
+               ? hypot((uv[0] + 0.5) / c->width - 0.5, (uv[1] + 0.5) / c->height - 0.5)
+               : 0;
+}
+
+/* Once the lens is read so, and not before, the principal point is near the middle of the picture.  The volume is nearer
+ * to it than before.  In pictures that are cut from larger ones it is not. */
+static bool blind_lens_fits(const struct rec_camera *c, const struct rec_grid *g, size_t lens)
+{
+    struct rec_camera as = blind_read(c, (struct reading){.lens = lens});
     const double at[2] = {(c->cx + 0.5) / c->width, (c->cy + 0.5) / c->height};
     bool before = true, then = true;
     for (int a = 0; a < 2; a++) {
         before = before && fabs(at[a] - 0.5) < MIDDLE;
         then = then && fabs(at[a] * lenses[lens].by - 0.5) < MIDDLE;
     }
-    return then && !before;
+    return then && !before && blind_off_middle(&as, g) <= blind_off_middle(c, g);
 }
 
 /* The volume is so much larger than the camera's distance from the origin that their units may differ. */
@@ -105,6 +119,7 @@ static bool blind_huge(const struct rec_camera *c, const struct rec_grid *g)
 struct look {
     double share; /* of the points; 0 if `tiny` or `inside` */
     bool tiny, inside, behind;
+    bool plain; /* it sees some of it, though it is `tiny` or the camera `inside` */
 };
 static struct look blind_look(const struct rec_camera *c, const struct rec_grid *g, int n)
 {
@@ -128,10 +143,31 @@ static struct look blind_look(const struct rec_camera *c, const struct rec_grid 
         }
     }
     double side = fmax(hi[0] - lo[0], hi[1] - lo[1]) * n / (n - 1);
+    const double shorter = c->width < c->height ? c->width : c->height;
     l.behind = front == 0;
-    l.tiny = seen > 0 && side < TINY * (c->width < c->height ? c->width : c->height);
+    l.tiny = seen > 0 && side < TINY * shorter;
     l.share = l.tiny || l.inside ? 0 : (double)seen / (n * n * n);
+    l.plain = seen > 0 && (l.inside || side >= PLAIN * shorter);
     return l;
+}
+
+/* A ray of the picture crosses the volume.  A long lens may see none of the points in it. */
+static bool blind_crosses(const struct rec_camera *c, const struct rec_grid *g)
+{
+    bool crosses = false;
+    for (int i = 0; i < TRIED * TRIED && !crosses; i++) {
+        double o[3], d[3], from = 0, to = INFINITY;
+        if (!rec_camera_ray(c, (i % TRIED + 0.5) / TRIED * c->width - 0.5,
+                            (i / TRIED + 0.5) / TRIED * c->height - 0.5, o, d))
+            continue;
+        for (int a = 0; a < 3; a++) {
+            double s = (g->min[a] - o[a]) / d[a], e = (g->max[a] - o[a]) / d[a];
+            from = fmax(from, fmin(s, e)); /* of a ray along the side, both are infinite */
+            to = fmin(to, fmax(s, e));
+        }
+        crosses = from < to;
+    }
+    return crosses;
 }
 
 /* What the cameras of a set see by a reading: the sum of their shares, and how many see FITS of the volume. */
@@ -147,7 +183,7 @@ static struct trial blind_try(const struct rec_rig *r, uint64_t set, struct read
         if ((set >> c & 1) == 0)
             continue;
         struct rec_camera o = blind_read(&r->cameras[c], w);
-        bool possible = (w.lens == 0 || blind_lens_fits(&r->cameras[c], w.lens)) &&
+        bool possible = (w.lens == 0 || blind_lens_fits(&r->cameras[c], &r->grid, w.lens)) &&
                         (units[w.unit].by <= 1 || blind_huge(&r->cameras[c], &r->grid));
         double share = possible ? blind_look(&o, &r->grid, TRIED).share : 0;
         t.sum += share;
@@ -240,7 +276,7 @@ static enum rec_blind blind_lens(const struct rec_rig *r, struct words *w)
 {
     for (size_t k = 1; k < COUNT(lenses) && r->n_cameras > 1; k++) {
         size_t fits = 0;
-        while (fits < r->n_cameras && blind_lens_fits(&r->cameras[fits], k))
+        while (fits < r->n_cameras && blind_lens_fits(&r->cameras[fits], &r->grid, k))
             fits++;
         if (fits < r->n_cameras)
             continue;
@@ -259,12 +295,16 @@ enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
     uint64_t blind = 0, tiny = 0, inside = 0, behind = 0;
     const size_t all = r->n_cameras;
     double sum = 0;
+    bool plain = false;
     text[0] = '\0';
     for (size_t c = 0; c < all; c++) {
         struct look l = blind_look(&r->cameras[c], &r->grid, LOOKED);
         const uint64_t bit = (uint64_t)1 << c;
+        bool sees =
+            l.share > 0 || (!l.tiny && !l.inside && blind_crosses(&r->cameras[c], &r->grid));
         sum += l.share;
-        blind |= l.share > 0 ? 0 : bit;
+        plain = plain || l.plain;
+        blind |= sees ? 0 : bit;
         tiny |= l.tiny && !l.inside ? bit : 0;
         inside |= l.inside ? bit : 0;
         behind |= l.behind && !l.inside ? bit : 0;
@@ -276,10 +316,10 @@ enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
     struct trial t = blind_best(r, every, 3);
     bool fits = t.sum >= WHOLE * (double)all && sum < LITTLE * (double)all;
     if (n == all && inside == 0)
-        fits = 2 * t.fits > all;
+        fits = !plain && 2 * t.fits > all;
     if (n == 0 && !fits)
         return REC_BLIND_NONE; /* they look at a part of a large volume */
-    bool none = n == all && (fits || (tiny | inside) == 0);
+    bool none = n == all && !plain && (fits || (tiny | inside) == 0);
     if (none)
         blind_say(&w, "no camera sees the volume");
     else if (n == 0)

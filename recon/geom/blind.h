@@ -3,7 +3,8 @@
  * Files of other programs have the pose the other way round (camera to world), the camera's place as t, OpenGL's axes,
  * millimetres, or a K for another size of picture.  Each of these readings, and those of pose, axes and unit together,
  * is tried on the cameras.  The one by which they see most of the volume is named, if they see a fifth of it or more.
- * A volume that is smaller than 3 % of the picture counts as not seen.
+ * A volume that is smaller than 3 % of the picture counts as not seen, and so does one around the camera.  But ALL is
+ * said only if it is smaller than 1 % in all pictures, and around no camera that sees some of it.
  * Threads: pure. */
 #ifndef REC_BLIND_H
 #define REC_BLIND_H

@@ -165,6 +165,46 @@ T_CASE(accuses_no_right_rig)
     T_EQ_I(seen(&r, text), REC_BLIND_SOME);
     T_CONTAINS(text, "cam5: it stands inside the volume; check R, t, K");
     rec_rig_fini(&r);
+    T_EQ_I(rec_rig_ring(4, 2, 640, 480, 16, &r), PVX_OK);
+    for (size_t c = 0; c < 4;
+         c++) /* all near the middle of a room: they see it, whatever its unit */
+        for (int i = 0; i < 3; i++)
+            r.cameras[c].t[i] *= 0.25;
+    for (int a = 0; a < 3; a++) {
+        r.grid.min[a] = -5;
+        r.grid.max[a] = 5;
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_SOME);
+    T_CONTAINS(text, "it stands inside the volume");
+    rec_rig_fini(&r);
+    ring(8, 3, &r);
+    for (size_t c = 0; c < 8; c++) { /* some 20 pixels of 1080: little, but seen */
+        r.cameras[c].width = 1920;
+        r.cameras[c].height = 1080;
+        r.cameras[c].cx = 959.5;
+        r.cameras[c].cy = 539.5;
+        r.cameras[c].fx = r.cameras[c].fy = 15 * 3 / (r.grid.max[0] - r.grid.min[0]);
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_SOME);
+    T_CONTAINS(text, "less than 3 % of its picture; check R, t, K");
+    rec_rig_fini(&r);
+    ring(8, 3, &r);
+    for (size_t c = 0; c < 8; c++) { /* a thirtieth of the volume fills the picture */
+        r.cameras[c].fx = r.cameras[c].fy = 480 * 3 * 30 / (r.grid.max[0] - r.grid.min[0]);
+        r.cameras[c].cx = 319.5;
+        r.cameras[c].cy = 239.5;
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_NONE);
+    for (size_t c = 0; c < 8;
+         c++) { /* cut from the left of larger pictures, the volume in the middle */
+        r.cameras[c].fx = r.cameras[c].fy = 100;
+        r.cameras[c].cx = 640;
+        r.cameras[c].cy = 480;
+        for (int i = 0; i < 2; i++)
+            r.cameras[c].t[i] -= (i == 0 ? 3.2 : 2.4) * 3;
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_NONE);
+    rec_rig_fini(&r);
     ring(8, 3, &r);
     char little[20];
     r.cameras[0].t[2] = -3;
