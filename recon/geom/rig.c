@@ -146,10 +146,14 @@ bool rec_rig_name_ok(const char *s)
            '\0';
 }
 
-/* Lenses have a p1, p2 of some 0.001. */
-static bool rig_large_p(const double dist[8])
+/* Four numbers that may be k1 k2 k3 k4 of a fisheye.  Lenses have a p1, p2 of some 0.001.  A pinhole that sees more than
+ * 55 degrees off axis is rare, and most that do have a barrel distortion. */
+static bool rig_ambiguous(const struct rec_camera *c, const double dist[8])
 {
-    return fabs(dist[2]) > 0.02 || fabs(dist[3]) > 0.02;
+    double x = fmax(c->cx, c->width - 1 - c->cx) / c->fx;
+    double y = fmax(c->cy, c->height - 1 - c->cy) / c->fy;
+    bool wide = hypot(x, y) > 1.43 && dist[0] > -0.1 && dist[2] != 0 && dist[3] != 0;
+    return wide || fabs(dist[2]) > 0.02 || fabs(dist[3]) > 0.02;
 }
 
 static pvx_err read_model(const struct reader *r, int node, const char *path, struct rec_camera *c)
@@ -197,11 +201,11 @@ static pvx_err read_distortion(const struct reader *r, int m, const char *path,
                 "%g is of OpenCV's %s model, which is not supported: calibrate without %s", k[i],
                 i < 12 ? "thin prism (s1 s2 s3 s4)" : "tilted sensor (tx ty)",
                 i < 12 ? "CALIB_THIN_PRISM_MODEL" : "CALIB_TILTED_MODEL");
-    if (model == 0 && n == 4 && rig_large_p(k))
+    if (model == 0 && n == 4 && rig_ambiguous(c, k))
         return pvx_yaml_fail(
             r->y, node, full, PVX_EINVAL, r->d,
-            "p1 or p2 is larger than lenses have: are these k1 k2 k3 k4 of a fisheye? "
-            "Write model: fisheye, or model: pinhole");
+            "p1 or p2 is larger than lenses have, or the picture is that of a very wide lens: "
+            "are these k1 k2 k3 k4 of a fisheye? Write model: fisheye, or model: pinhole");
     memcpy(c->dist, k, sizeof c->dist);
     return PVX_OK;
 }
@@ -412,7 +416,7 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         int nd = 8;
         while (nd > 0 && c->dist[nd - 1] == 0)
             nd--;
-        bool fisheye = c->model == REC_FISHEYE, five = !fisheye && rig_large_p(c->dist);
+        bool fisheye = c->model == REC_FISHEYE, five = !fisheye && rig_ambiguous(c, c->dist);
         nd = nd == 0 ? 0 : nd <= 4 && !five ? 4 : nd <= 5 ? 5 : 8;
         fprintf(f, "  - name: %s\n    size: [%d, %d]\n", c->name, c->width, c->height);
         rig_put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");

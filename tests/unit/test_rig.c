@@ -153,6 +153,9 @@ T_CASE(photometry_that_cannot_be)
 }
 
 #define EIGHT "1, 2, 3, 4, 5, 6, 7, 8"
+#define WIDE(name, distortion, rest)                                              \
+    "  - name: " name "\n    size: [512, 512]\n    K: [191, 191, 254.9, 256.9]\n" \
+    "    distortion: [" distortion "]\n" rest "    R: [1,0,0, 0,1,0, 0,0,1]\n    t: [0, 0, 3]\n"
 
 /* OpenCV's vectors of 4 to 14 numbers, and its fisheye. */
 T_CASE(distortion_models)
@@ -176,13 +179,18 @@ T_CASE(distortion_models)
            "0.2 is of OpenCV's tilted sensor (tx ty) model, which is not supported");
     refuse(HEAD CAM("a", "    distortion: [-0.02, 0.01, -0.03, 0.001]\n"), PVX_EINVAL,
            "are these k1 k2 k3 k4 of a fisheye? Write model: fisheye");
+    refuse(HEAD WIDE("a", "0.003, 0.0007, -0.002, 0.0002", ""), PVX_EINVAL,
+           "are these k1 k2 k3 k4 of a fisheye? Write model: fisheye");
     refuse(HEAD CAM("a", "    model: omni\n"), PVX_EINVAL,
            "rig.yaml:9: cameras[0].model: 'omni' is not known; pinhole or fisheye");
     refuse(HEAD CAM("a", "    distortion: [1, 2, 3, 4, 5]\n    model: fisheye\n"), PVX_EFORMAT,
            "of a fisheye should have 4 numbers (k1 k2 k3 k4), not 5");
     T_EQ_I(parse(HEAD CAM("a", "    distortion: [-0.02, 0.01, -0.03, 0.001]\n    model: pinhole\n")
                      CAM("b", "    model: fisheye\n")
-                         CAM("c", "    model: fisheye\n    distortion: [0.1, 0, 0.03, 0]\n"),
+                         CAM("c", "    model: fisheye\n    distortion: [0.1, 0, 0.03, 0]\n")
+                             WIDE("d", "0.003, 0.0007, -0.002, 0.0002", "    model: pinhole\n")
+                                 WIDE("e", "0.003, 0.0007, 0, 0", "")
+                                     WIDE("f", "-0.3, 0.07, -0.002, 0.0002", ""),
                  &r, &d),
            PVX_OK);
     T_EQ_S(d.text, "");
@@ -196,7 +204,7 @@ T_CASE(distortion_models)
     T_EQ_I(rec_rig_format(&r, &out, &len), PVX_OK);
     T_EQ_I(parse(out, &back, &d), PVX_OK);
     T_EQ_S(d.text, "");
-    T_OK(memcmp(r.cameras, back.cameras, 3 * sizeof *r.cameras) == 0);
+    T_OK(memcmp(r.cameras, back.cameras, r.n_cameras * sizeof *r.cameras) == 0);
     T_OK(rec_rig_hash(&r) == rec_rig_hash(&back));
     back.cameras[1].model = REC_PINHOLE;
     T_OK(rec_rig_hash(&r) != rec_rig_hash(&back));
