@@ -145,8 +145,10 @@ bool rec_calib_good(const struct rec_calib_report *r)
 /* Cameras that contradict each other (pictures of different instants, wrong frame numbers, turned pictures, an old rig
  * that no longer holds).  Each view errs as a whole, and n views reduce that to 1 / sqrt(n) at best.  If the rest is a
  * voxel of the volume, nothing can be reconstructed.  If a quarter of a camera's views, left out or not, are off by
- * WILD times its own error, which no motion between two exposures reaches, its pose came from right ones by chance. */
-#define WILD 100
+ * WILD times its own error, which no motion between two exposures reaches, its pose came from right ones by chance.
+ * An own error below SHARP counts as that: with it, motion of a pixel or two would be wild. */
+#define WILD  100
+#define SHARP 0.1 /* px */
 static void say_contradiction(struct calib *k)
 {
     const struct rec_calib_report *r = k->out;
@@ -157,9 +159,10 @@ static void say_contradiction(struct calib *k)
         double voxels = o->expected.px > 0 ? o->expected.voxels / o->expected.px
                         : r->px > 0        ? r->voxels / r->px
                                            : 1;
-        double fit = fmax(o->joint, (o->gross > WILD ? o->gross : o->over) * o->single);
+        double wild = o->gross * fmin(1, o->single / SHARP) / WILD;
+        double fit = fmax(o->joint, (wild > 1 ? o->gross : o->over) * o->single);
         double left = fit * voxels / sqrt(fmax((double)o->used, 1));
-        left = fmax(left, o->gross / WILD);
+        left = fmax(left, wild);
         if (fit > 2 * o->single && left > most) {
             most = left;
             px = fit;
