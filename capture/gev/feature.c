@@ -161,13 +161,14 @@ pvx_err aravis_choose(const struct cap_source_config *c, ArvCamera *cam, const c
     return err == NULL ? PVX_OK : aravis_fail(c, PVX_EINVAL, name, &err, d);
 }
 
-/* Equal as text, or both are numbers and equal within the rounding of a camera's steps. */
-static bool same_value(const char *want, const char *got)
+/* Equal as text, or both are numbers and equal.  Real ones may differ by the rounding of a camera's steps.  Whole ones
+ * may not: an offset of 2000 that became 1998 moves the picture. */
+static bool same_value(const char *want, const char *got, bool real)
 {
     char *end_want, *end_got;
     double a = strtod(want, &end_want), b = strtod(got, &end_got);
     if (end_want != want && *end_want == '\0' && end_got != got && *end_got == '\0')
-        return fabs(a - b) <= 1e-3 * fabs(a);
+        return fabs(a - b) <= (real ? 1e-3 * fabs(a) : 0);
     bool truth = strcmp(got, "true") == 0;
     if ((truth || strcmp(got, "false") == 0) && (strcmp(want, "1") == 0 || strcmp(want, "0") == 0))
         return truth == (want[0] == '1');
@@ -186,7 +187,7 @@ static pvx_err read_back(const struct cap_source_config *c, ArvGcNode *node,
     const char *got = arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), &err);
     if (err != NULL || got == NULL)
         return aravis_fail(c, PVX_EINVAL, f->name, &err, d);
-    if (!same_value(f->value, got))
+    if (!same_value(f->value, got, ARV_IS_GC_FLOAT(node)))
         snprintf(other, size, "%s", got);
     return PVX_OK;
 }

@@ -89,8 +89,8 @@ static double blind_off_middle(const struct rec_camera *c, const struct rec_grid
                : 0;
 }
 
-/* Once the lens is read so, and not before, the principal point is near the middle of the picture.  The volume is nearer
- * to it than before.  In pictures that are cut from larger ones it is not. */
+/* Once the lens is read so, and not before, the principal point is near the middle of the picture.  The volume is
+ * nearer to it than before.  In pictures that are cut from larger ones it is not. */
 static bool blind_lens_fits(const struct rec_camera *c, const struct rec_grid *g, size_t lens)
 {
     struct rec_camera as = blind_read(c, (struct reading){.lens = lens});

@@ -146,8 +146,8 @@ bool rec_rig_name_ok(const char *s)
            '\0';
 }
 
-/* Four numbers that may be k1 k2 k3 k4 of a fisheye.  Lenses have a p1, p2 of some 0.001.  A pinhole that sees more than
- * 55 degrees off axis is rare, and most that do have a barrel distortion. */
+/* Four numbers that may be k1 k2 k3 k4 of a fisheye.  Lenses have a p1, p2 of some 0.001.  A pinhole that sees more
+ * than 55 degrees off axis is rare, and most that do have a barrel distortion. */
 static bool rig_ambiguous(const struct rec_camera *c, const double dist[8])
 {
     double x = fmax(c->cx, c->width - 1 - c->cx) / c->fx;

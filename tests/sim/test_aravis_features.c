@@ -249,6 +249,7 @@ T_CASE(a_conflict_is_a_sentence_with_both)
     c = plain;
     c.gige.packet_delay = 10000;
     disagree(c, "GevSCPD", "70", "gige.packet_delay_ns: 10000 and `features: GevSCPD: 70`");
+    disagree(c, "GevSCPD", "10005", "gige.packet_delay_ns: 10000 and `features: GevSCPD: 10005`");
     c = plain;
     c.chunks = true;
     disagree(c, "ChunkModeActive", "0", "chunks: true and `features: ChunkModeActive: 0`");
