@@ -27,11 +27,12 @@ struct rec_fit {
 /* Raw pixels across one coarse cell in the middle of the volume; 0 if that is not in front of the camera. */
 static double cell_px(const struct rec_grid *g, const struct rec_camera *c)
 {
-    double z = c->t[2], h = INFINITY;
+    double X[3], h = INFINITY;
     for (int a = 0; a < 3; a++) {
-        z += c->R[6 + a] * 0.5 * (g->min[a] + g->max[a]);
+        X[a] = 0.5 * (g->min[a] + g->max[a]);
         h = fmin(h, rec_grid_h(g, a));
     }
+    double z = rec_camera_depth(c, X);
     return z > 0 ? fmin(c->fx, c->fy) * h / z : 0;
 }
 

@@ -322,6 +322,19 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
     return true;
 }
 
+double rec_camera_depth(const struct rec_camera *c, const double X[3])
+{
+    double at[3], z = c->t[2], d2 = 0;
+    for (int a = 0; a < 3; a++)
+        z += c->R[6 + a] * X[a];
+    if (c->model != REC_FISHEYE || !(z > 0))
+        return z;
+    rec_camera_centre(c, at);
+    for (int a = 0; a < 3; a++)
+        d2 += (X[a] - at[a]) * (X[a] - at[a]);
+    return sqrt(d2);
+}
+
 void rec_camera_centre(const struct rec_camera *c, double x[3])
 {
     const double *R = c->R, *t = c->t;

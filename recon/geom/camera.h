@@ -62,6 +62,10 @@ bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3],
                     double dir[3]);
 
+/* What a focal length is divided by for pixels per metre around X [m]: depth, or distance for a fisheye.  Not above 0:
+ * X is not in front of the camera. */
+double rec_camera_depth(const struct rec_camera *c, const double X[3]);
+
 /* Camera centre -R^T t [m]. */
 void rec_camera_centre(const struct rec_camera *c, double x[3]);
 

@@ -481,12 +481,12 @@ int rec_rig_find(const struct rec_rig *r, const char *name)
 pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, int32_t n[3])
 {
     const struct rec_grid *g = &r->grid;
-    double side[3], density = 0, cameras = 0;
+    double side[3], X[3], density = 0, cameras = 0;
+    for (int a = 0; a < 3; a++)
+        X[a] = 0.5 * (g->min[a] + g->max[a]);
     for (size_t i = 0; i < r->n_cameras; i++) {
         const struct rec_camera *c = &r->cameras[i];
-        double z = c->t[2];
-        for (int a = 0; a < 3; a++)
-            z += c->R[6 + a] * 0.5 * (g->min[a] + g->max[a]);
+        double z = rec_camera_depth(c, X);
         if (!(z > 0))
             continue;
         density += c->fx * c->fy / (z * z) / ((double)binning * binning);

@@ -21,12 +21,12 @@ const struct rec_sysmat_params rec_sysmat_defaults = {0, 0};
 static double voxel_px(const struct rec_rig *rig)
 {
     const struct rec_grid *g = &rig->grid;
-    double h = fmin(rec_grid_h(g, 0), fmin(rec_grid_h(g, 1), rec_grid_h(g, 2))), least = 0;
+    double h = fmin(rec_grid_h(g, 0), fmin(rec_grid_h(g, 1), rec_grid_h(g, 2))), least = 0, X[3];
+    for (int a = 0; a < 3; a++)
+        X[a] = 0.5 * (g->min[a] + g->max[a]);
     for (size_t i = 0; i < rig->n_cameras; i++) {
         const struct rec_camera *c = &rig->cameras[i];
-        double z = c->t[2];
-        for (int a = 0; a < 3; a++)
-            z += c->R[6 + a] * 0.5 * (g->min[a] + g->max[a]);
+        double z = rec_camera_depth(c, X);
         double px = z > 0 ? fmin(c->fx, c->fy) * h / z : 0;
         if (px > 0 && (least == 0 || px < least))
             least = px;

@@ -338,7 +338,20 @@ T_CASE(finest_grid)
 
     struct rec_camera camera[3];
     struct rec_rig r = looks_at(camera, 3, 40, cube);
-    int32_t n[3];
+    int32_t n[3], aside[3];
+    T_EQ_I(rec_rig_finest(&r, 1, n), PVX_OK);
+    for (int c = 0; c < 3;
+         c++) { /* a fisheye sees it 60 degrees off axis as large as in the middle */
+        const double z = camera[c].t[2],
+                     turned[9] = {0.5, 0, sqrt(0.75), 0, 1, 0, -sqrt(0.75), 0, 0.5};
+        camera[c].model = REC_FISHEYE;
+        memcpy(camera[c].R, turned, sizeof turned);
+        camera[c].t[0] = sqrt(0.75) * z;
+        camera[c].t[2] = 0.5 * z;
+    }
+    T_EQ_I(rec_rig_finest(&r, 1, aside), PVX_OK);
+    T_OK(memcmp(n, aside, sizeof n) == 0);
+    r = looks_at(camera, 3, 40, cube);
     camera[1].t[2] = -2; /* sees nothing of it and does not count */
     T_EQ_I(rec_rig_finest(&r, 1, n), PVX_OK);
     T_EQ_I(n[0], 44); /* of two: (60 40^2)^(1/3) = 45.8 */
