@@ -8,7 +8,7 @@
 # Seen in:  blender 3.4.1+dfsg-2+b1, python3-openvdb 10.0.1-2 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root blender=3.4.1+dfsg-2+b1 python3-openvdb=10.0.1-2
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import bpy
 import numpy as np
 import pyopenvdb
@@ -17,12 +17,12 @@ grid = pyopenvdb.FloatGrid()
 grid.name = 'density'
 grid.gridClass = pyopenvdb.GridClass.FOG_VOLUME
 grid.copyFromArray(np.ones((5, 5, 5), np.float32), ijk=(-2, -2, -2))
-pyopenvdb.write('/work/a.vdb', grids=[grid])
+pyopenvdb.write('/try/a.vdb', grids=[grid])
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene
 volume = bpy.data.volumes.new('box')
-volume.filepath = '/work/a.vdb'
+volume.filepath = '/try/a.vdb'
 material = bpy.data.materials.new('light')
 material.use_nodes = True
 nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -42,9 +42,9 @@ scene.cycles.use_denoising = False
 scene.render.resolution_x = scene.render.resolution_y = 64
 scene.view_settings.view_transform = 'Raw'
 scene.render.image_settings.file_format, scene.render.image_settings.color_depth = 'OPEN_EXR', '32'
-scene.render.filepath = '/work/a.exr'
+scene.render.filepath = '/try/a.exr'
 bpy.ops.render.render(write_still=True)
-image = bpy.data.images.load('/work/a.exr')
+image = bpy.data.images.load('/try/a.exr')
 light = np.array(image.pixels[:]).reshape(64, 64, 4)[..., 0]
 at = (np.arange(64) + 0.5) / 4 - 8
 print('SEEN Blender %s: centre of light at x %.1f, y %.1f voxels' % (

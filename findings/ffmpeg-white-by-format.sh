@@ -7,7 +7,7 @@
 # Seen in:  ffmpeg 7:5.1.9-0+deb12u1 (Debian 12; the filter scale, libswscale)
 . "$(dirname "$0")/root.sh"
 root ffmpeg=7:5.1.9-0+deb12u1 python3-minimal
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import struct
 import subprocess
 

@@ -8,7 +8,7 @@
 # Seen in:  hdf5-tools 1.10.8+repack1-1, python3-h5py 3.7.0-8 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root hdf5-tools=1.10.8+repack1-1 python3-h5py=3.7.0-8
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import subprocess
 import h5py
 

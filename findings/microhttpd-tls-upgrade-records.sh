@@ -8,7 +8,7 @@
 # Seen in:  libmicrohttpd-dev 0.9.75-6 with GnuTLS 3.7.9 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root libmicrohttpd-dev=0.9.75-6 gcc=4:12.2.0-3 libc6-dev python3 openssl
-cat > "$R/work/server.c" <<'C'
+cat > "$R/try/server.c" <<'C'
 #include <microhttpd.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -60,7 +60,7 @@ int main(void)
     return 0;
 }
 C
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import socket
 import ssl
 import subprocess

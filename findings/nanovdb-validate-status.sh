@@ -7,7 +7,7 @@
 # Seen in:  libnanovdb-tools 10.0.1-2 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root libnanovdb-tools=10.0.1-2 python3-openvdb=10.0.1-2
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import subprocess
 import pyopenvdb
 

@@ -8,7 +8,7 @@
 # Seen in:  octave 7.3.0-2, python3-h5py 3.7.0-8 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root octave=7.3.0-2 python3-h5py=3.7.0-8
-cat > "$R/work/make.py" <<'PY'
+cat > "$R/try/make.py" <<'PY'
 import h5py
 
 for name, charset in (('utf8', 'utf-8'), ('ascii', 'ascii')):

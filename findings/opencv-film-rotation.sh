@@ -7,7 +7,7 @@
 # Seen in:  python3-opencv 4.6.0+dfsg-12 with ffmpeg 7:5.1.9-0+deb12u1 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root python3-opencv=4.6.0+dfsg-12 ffmpeg=7:5.1.9-0+deb12u1
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import subprocess
 import cv2
 

@@ -8,7 +8,7 @@
 # Seen in:  python3-opencv 4.6.0+dfsg-12 (Debian 12), libtiff 4.5.0
 . "$(dirname "$0")/root.sh"
 root python3-opencv=4.6.0+dfsg-12
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import struct
 import cv2
 import numpy as np

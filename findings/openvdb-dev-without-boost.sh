@@ -7,7 +7,7 @@
 # Seen in:  libopenvdb-dev 10.0.1-2 (Debian 12)
 . "$(dirname "$0")/root.sh"
 try() {
-    printf '#include <openvdb/openvdb.h>\nint main() { openvdb::initialize(); }\n' > "$R/work/a.cpp"
+    printf '#include <openvdb/openvdb.h>\nint main() { openvdb::initialize(); }\n' > "$R/try/a.cpp"
     said=$(inside g++ -fsyntax-only a.cpp 2>&1)
     echo "$1: $(echo "$said" | grep -o 'fatal error: boost/.*: No such file' || echo "${said:-compiles}")"
 }

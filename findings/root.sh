@@ -9,13 +9,13 @@ trap 'rm -rf --one-file-system "$T"' EXIT
 root() {
     mmdebstrap --quiet --variant=extract --include="$(echo dash coreutils "$@" | tr ' ' ,)" bookworm "$R" \
         || { echo "not to be had: $*"; exit 2; }
-    mkdir -p "$R/work"
+    mkdir -p "$R/try"
     for p in "$@"; do echo "package $p"; done
 }
-# inside COMMAND ...: run it in $R/work.  Alternatives are not set up there, so LAPACK and BLAS are named.
+# inside COMMAND ...: run it in $R/try.  Alternatives are not set up there, so LAPACK and BLAS are named.
 inside() {
     LD_LIBRARY_PATH=/usr/lib/x86_64-linux-gnu/lapack:/usr/lib/x86_64-linux-gnu/blas PATH=/usr/bin:/bin:/usr/sbin \
-        HOME=/work LC_ALL=C.UTF-8 chroot "$R" sh -c 'cd /work && exec "$@"' sh "$@"
+        HOME=/try LC_ALL=C.UTF-8 chroot "$R" sh -c 'cd /try && exec "$@"' sh "$@"
 }
 # ends SEEN EXPECTED: print what was seen.  Fails if that has changed.
 ends() {

@@ -12,7 +12,7 @@ mkdir -p "$R/etc"
 printf '127.0.0.1 both\n::1 both\n' > "$R/etc/hosts"
 echo 'multi on' > "$R/etc/host.conf"
 echo 'hosts: files' > "$R/etc/nsswitch.conf"
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import socket
 import time
 import zmq

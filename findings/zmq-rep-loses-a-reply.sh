@@ -8,7 +8,7 @@
 # Seen in:  libzmq5 4.3.4-6, python3-zmq 24.0.1-4+b1 (Debian 12)
 . "$(dirname "$0")/root.sh"
 root libzmq5=4.3.4-6 python3-zmq=24.0.1-4+b1
-cat > "$R/work/try.py" <<'PY'
+cat > "$R/try/try.py" <<'PY'
 import time
 import zmq
 

@@ -78,7 +78,8 @@ static inline struct made_volume volumes_make(const struct pvp_start *s, uint64_
         abort();
     free(dense);
     free(lit);
-    m.v = volumes_empty(s, set, 1767225600123456789 + (int64_t)set * 50000001);
+    /* a number may be a date: its end gives the time */
+    m.v = volumes_empty(s, set, 1767225600123456789 + (int64_t)(set % 1000000000) * 50000001);
     m.v.n_bricks = m.store.n;
     m.v.ids = m.store.ids;
     m.v.brick = m.store.brick;
