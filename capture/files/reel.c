@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <sys/stat.h>
 
 #include "base/median.h"
@@ -15,12 +14,6 @@
 #define GAP 1.5 /* steps: from here on a frame is missing */
 
 /* ---- what a folder has ------------------------------------------------------------------------ */
-
-static bool reel_is_stack(const char *path)
-{
-    const char *dot = strrchr(path, '.');
-    return dot != NULL && (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0);
-}
 
 static bool reel_is_folder(const char *path)
 {
@@ -42,7 +35,7 @@ static bool reel_belongs(const char *file, const char *path, const char *camera)
     uint32_t pages; /* a picture of one page is a background, not a stack */
     return dot != NULL && (size_t)(dot - file) == n && memcmp(file, camera, n) == 0 &&
            (cap_is_video(file) ||
-            (reel_is_stack(file) && (cap_image_pages(path, &pages, NULL) != PVX_OK || pages > 1)));
+            (cap_is_stack(file) && (cap_image_pages(path, &pages, NULL) != PVX_OK || pages > 1)));
 }
 
 /* The one file or folder in `dir` that belongs to the camera; camera NULL: the one film.  *out NULL: there is none. */
@@ -150,13 +143,13 @@ static pvx_err reel_open_pages(struct cap_reel *r, const struct cap_sequence *s,
 
 static pvx_err reel_open_pictures(struct cap_reel *r, struct cap_sequence *s, struct pvx_diag *d)
 {
-    bool stack = s->unnumbered == 1 && reel_is_stack(s->first_unnumbered);
+    bool stack = s->unnumbered == 1 && cap_is_stack(s->first_unnumbered);
     bool first = stack && reel_goes_on(s);
     uint32_t pages = 1;
     if ((r->path = pvx_calloc(s->n + 1, sizeof *r->path)) == NULL)
         return PVX_ENOMEM;
     const char *look = first ? s->first_unnumbered : s->n > 0 ? s->item[0].path : "";
-    if (reel_is_stack(look))
+    if (cap_is_stack(look))
         PVX_TRY(cap_image_pages(look, &pages, d));
     if (pages > 1 && stack && !first)
         return pvx_fail(d, PVX_EINVAL,

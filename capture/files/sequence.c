@@ -42,6 +42,12 @@ bool cap_is_image(const char *path)
     return sequence_has_extension(path, ext);
 }
 
+bool cap_is_stack(const char *path)
+{
+    static const char *const ext[] = {".tif", ".tiff", NULL};
+    return sequence_has_extension(path, ext);
+}
+
 bool cap_is_video(const char *path)
 {
     static const char *const ext[] = {".mp4", ".avi", ".mkv", ".mov", NULL};
