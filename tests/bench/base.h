@@ -54,13 +54,6 @@ static inline double bench_cpu(void)
            1e-6 * (double)(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
 }
 
-/* Of doubles, for qsort. */
-static inline int bench_less(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* CHECK, with what the diagnosis says. */
 static inline void bench_check(pvx_err e, const struct pvx_diag *d)
 {

@@ -24,30 +24,6 @@ static inline void scene_fill(const struct scene *s, rec_frame *f, double noise)
     }
 }
 
-struct quality {
-    double volume, view, psnr, ssim;
-};
-
-/* Volume error, and the unseen view against the real one. */
-static inline struct quality judge(const struct scene *s, const float *dense, pvx_pool *pool)
-{
-    const struct rec_camera *c = &s->unseen;
-    size_t nch = (size_t)s->nch, n = (size_t)c->width * (size_t)c->height * nch;
-    float *img = must_floats(n);
-    CHECK(rec_render(&s->rig.grid, dense, s->nch, &(struct rec_eye){.camera = c, .sub = 2}, pool,
-                     img));
-    struct quality q = {
-        .volume = rec_rel_l2(dense, s->truth, rec_grid_count(&s->rig.grid) * nch),
-        .view = image_mean_abs_255(img, s->unseen_image, n),
-        .psnr = image_psnr(img, s->unseen_image, n, s->peak),
-    };
-    for (size_t ch = 0; ch < nch; ch++)
-        q.ssim += image_ssim(img + ch, s->unseen_image + ch, c->width, c->height, s->nch, s->peak) /
-                  s->nch;
-    free(img);
-    return q;
-}
-
 /* Mean |error| of 255 of the unseen view over the pixels that have 1 % of the picture's peak or more in some channel. */
 static inline double view_error(const struct scene *s, const float *dense, pvx_pool *pool)
 {

@@ -6,7 +6,7 @@
  * volume of that basis can show.  The view is one that no solver saw; its error is the mean over the
  * pixels on which the flame is, of 255.
  * judge.py makes the table, bench_scalarflow adds the real capture to it. */
-#include "curve.h"
+#include "shot.h"
 
 /* ---- cases -------------------------------------------------------------------------------------- */
 
@@ -133,7 +133,7 @@ static void judge_case(FILE *csv, const struct judged *j, pvx_pool *pool)
     }
     for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
         s.rig.grid.basis = (enum rec_basis)basis;
-        rec_sysmat *S = scene_matrix(&s, 0, pool, NULL);
+        rec_sysmat *S = scene_matrix(&s, 0, pool);
         for (const char *const *name = rec_solver_names(); *name != NULL; name++)
             solver(csv, j, &s, &shot, S, *name, pool);
         rec_sysmat_free(&S);

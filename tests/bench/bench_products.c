@@ -5,7 +5,7 @@
  *     bandwidth: plain reading of a buffer as large as the windows, the same threads, the same run,
  *                turn by turn with the products, so that both live in the same cache level
  * Times are the shortest of all turns. */
-#include "curve.h"
+#include "shot.h"
 #include "tests/lib/product.h"
 #include "recon/frame/inside.h"
 
@@ -170,7 +170,7 @@ static void all(const int32_t size[3], enum rec_basis basis)
     pvx_pool *pool;
     CHECK(pvx_pool_new(2, "bench", &pool));
     scene_flame(&s, size, basis, pool);
-    rec_sysmat *S = scene_matrix(&s, 1, pool, NULL);
+    rec_sysmat *S = scene_matrix(&s, 1, pool);
     pvx_pool_free(&pool);
     for (unsigned threads = 1; threads <= 2; threads++)
         for (int v = PVX_CPU_REF; v <= (int)pvx_cpu(); v++) {

@@ -4,7 +4,7 @@
  * What tells a fault from a sharp flame was fitted on it: in-sample (flames.h).
  * Grey, 1080x1920 in bins of 4x4 (270x480); the camera left out is each of the named ones in turn. */
 #include "capture/pixel/pixfmt.h"
-#include "curve.h"
+#include "shot.h"
 #include "plume.h"
 #include "recon/frame/inside.h"
 
@@ -56,7 +56,7 @@ static double covered(const struct scene *s, const rec_frame *f, pvx_pool *pool)
 }
 
 struct sums {
-    double view, psnr, ssim, ms, iterations;
+    double view, ms, iterations;
 };
 
 static void solve(const struct scene *s, rec_frame *f, float *const image[], struct sums *sum,
@@ -81,13 +81,7 @@ static void solve(const struct scene *s, rec_frame *f, float *const image[], str
     rec_sparse_to_dense(&v, dense);
     CHECK(rec_render(&s->rig.grid, dense, 1, &(struct rec_eye){.camera = &s->unseen, .sub = 1},
                      pool, img)); /* bins are a quarter voxel */
-    double peak = 0;
-    for (size_t i = 0; i < n; i++)
-        peak = fmax(peak, s->unseen_image[i]);
     sum->view += image_mean_abs_255(img, s->unseen_image, n) / N_FRAMES;
-    sum->psnr += image_psnr(img, s->unseen_image, n, peak) / N_FRAMES;
-    sum->ssim +=
-        image_ssim(img, s->unseen_image, s->unseen.width, s->unseen.height, 1, peak) / N_FRAMES;
     sum->ms += best / N_FRAMES;
     sum->iterations += (double)rec_frame_get_report(f)->solve.iterations / N_FRAMES;
     if (cover != NULL)
@@ -110,7 +104,7 @@ static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_gri
     s.rig = (struct rec_rig){.grid = *g, .n_cameras = (size_t)n, .cameras = used};
     for (int basis = REC_BOX; basis <= (int)last; basis++) {
         s.rig.grid.basis = (enum rec_basis)basis;
-        rec_sysmat *S = scene_matrix(&s, 1, pool, NULL);
+        rec_sysmat *S = scene_matrix(&s, 1, pool);
         double cover = 0;
         for (int k = 0; rec_solver_names()[k] != NULL; k++) {
             struct rec_frame_params p = rec_frame_defaults;
@@ -127,10 +121,10 @@ static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_gri
                 solve(&s, f, used_image, &sum, k == 0 ? &cover : NULL, pool);
             }
             const struct rec_frame_report *r = rec_frame_get_report(f);
-            bench_row(csv, "%s,%s,%s,%.4f,%.3f,%.5f,%.1f,%.3f,%lld,%llu,%.4f,%.4f", cam[out].name,
-                      rec_basis_name(s.rig.grid.basis), p.solve.solver, sum.view, sum.psnr,
-                      sum.ssim, sum.iterations, sum.ms, (long long)r->active_voxels,
-                      (unsigned long long)r->entries, cover, (double)r->sigma);
+            bench_row(csv, "%s,%s,%s,%.4f,%.1f,%.3f,%lld,%llu,%.4f,%.4f", cam[out].name,
+                      rec_basis_name(s.rig.grid.basis), p.solve.solver, sum.view, sum.iterations,
+                      sum.ms, (long long)r->active_voxels, (unsigned long long)r->entries, cover,
+                      (double)r->sigma);
             rec_frame_free(&f);
         }
         rec_sysmat_free(&S);
@@ -154,9 +148,8 @@ int main(int argc, char **argv)
         "in, the fifth judges; mean of %d frames, %u threads, default stops; covered: share of its "
         "light in the hull\n",
         N_FRAMES, pvx_pool_threads(pool));
-    csv = bench_csv(
-        argc, argv, "scalarflow",
-        "left_out,basis,solver,view,psnr,ssim,iterations,ms,voxels,entries,covered,sigma");
+    csv = bench_csv(argc, argv, "scalarflow",
+                    "left_out,basis,solver,view,iterations,ms,voxels,entries,covered,sigma");
     leave_out(cam, &g, 2, REC_TRILINEAR, image,
               pool);                             /* the one that the data set keeps for tests */
     leave_out(cam, &g, 0, REC_BOX, image, pool); /* the end of the arc */

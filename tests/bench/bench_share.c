@@ -6,6 +6,7 @@
  * bound: the grids' bytes over the bandwidth of one core (a = b + 3c). */
 #include <unistd.h>
 
+#include "base/median.h"
 #include "daemon/volumes/bricks.h"
 #include "daemon/volumes/share.h"
 #include "proto/clients/pyrovox_share.h"
@@ -17,7 +18,7 @@ static const char *const kinds[] = {"one", "vectors", "split"};
 
 static double quantile(double *t, double q)
 {
-    qsort(t, SETS, sizeof *t, bench_less);
+    qsort(t, SETS, sizeof *t, pvx_ascending);
     return t[(int)(q * (SETS - 1))];
 }
 

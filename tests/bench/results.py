@@ -77,34 +77,6 @@ missing = sorted({l for l in log if l.startswith(("NOT RUN", "FAIL"))})
 if missing:
     say("", "Not in this run:", "", *["- " + l for l in missing])
 
-best = table("best")
-section("Error of the default solver", "best",
-        "The solver stops by itself. In brackets: the paper's literal iteration (`cgls-paper`) at the best iterate that it "
-        "ever has, which it cannot know", ["flame", "use", "basis", "noise 0", "1 %", "5 %", "ms at 1 %"],
-        lambda: [[s, u, b] + ["%.3f (%.3f)" % (float(r["own"]), float(r["paper"])) for r in pick(best, scene=s, basis=b)] +
-                 ["%.1f (%.1f)" % (float(r["own_ms"]), float(r["paper_ms"]))
-                  for r in pick(best, scene=s, basis=b, noise="1 %")] for s, u, b in unique(best, "scene", "use", "basis")])
-
-targets = table("targets")
-WHAT = {"volume": "volume error at the moment of cgls-paper's best, over its error",
-        "view": "error of the unseen view at the same moment, over its error",
-        "time": "time to cgls-paper's best error, over its time",
-        "late": "error after 1000 iterations, over that at the automatic stop"}
-
-
-def summary():
-    for key, what in WHAT.items():
-        for use in ("fitted", "seen", "held out"):
-            rows = pick(targets, target=key, use=use)
-            v = sorted(float(r["measured"]) for r in rows)
-            if v:
-                yield [what, use, "%.2f" % v[0], "%.2f" % v[len(v) // 2], "%.2f" % v[-1], "%.2f" % float(rows[0]["reach"]),
-                       "%d of %d" % (sum(r["met"] != "no" for r in rows), len(v))]
-
-
-section("Against the paper's solver", "targets", "All flames, bases and noise to 5 %",
-        ["what", "flames", "best", "median", "worst", "wanted at most", "met"], summary)
-
 judged = judge.cases(folder)
 section("Judged from outside", "judge", "Every solver stops by itself. The first figure is the volume error, the second the mean error of the "
         "unseen view's flame pixels, 0..255. There is one truth for both bases. The volume is compared as the "
@@ -159,17 +131,6 @@ section("In shared memory", "share", "One core, from the message (f16, LZ4) to N
                   r["both p99 ms"], r["bound ms"], r["make over bound"]] for r in table("share")])
 
 
-def advised():
-    terms = ["black", "saturated", "absorption", "gain", "body", "response"]
-    seen = [r["verdict"] for r in table("advise")]
-    for k, term in enumerate(terms):
-        v = [s[k] for s in seen]
-        yield [term, sum(c in "+M" for c in v), "%.0f %%" % (100 * sum(c in "+." for c in v) / len(v)), v.count("M"), v.count("V")]
-
-
-section("What a recording needs", "advise", "Random scenes whose needs are known, judged by `pyrovox advise`. Wanted: right in 95 %, at most 5 % in "
-        "vain",
-        ["term", "needed", "right", "missed", "in vain"], lambda: list(advised()))
 section("Recording volumes, live", "record", "HDF5, 128^3 in three colours at 20 sets/s through the recorder's queue. Wanted: no gap. *ms*: from a "
         "set's arrival to its last byte in the file. *of one core*: processor time, receiving included. *bound*: "
         "the same bytes written to the disk, or compressed by zlib on all cores. *file*: size over raw RGB8 "
@@ -191,10 +152,6 @@ section("Large grids", "large", "Recordings of a few sets: the whole matrix, and
         ["grid", "pictures", "matrix", "sets", "active", "s", "processors, s", "planned, s", "GB", "said", "sets/s"],
         lambda: [[r["voxels"] + "^3", r["cameras"] + " x " + r["width"] + "x" + r["height"], r["matrix"], r["sets"], r["active"] + " %", r["s"],
                   r["cpu s"], r["planned s"], r["GB"], r["said GB"], r["sets/s"]] for r in table("large")])
-
-section("A camera back", "replug", "Four simulated GigE cameras at 25 Hz, away for 1.5 s. The table gives the seconds from the moment at "
-        "which the camera could answer again to the first set with all of them", ["after", "runs", "median", "95 %", "worst"],
-        lambda: [list(r.values()) for r in table("replug")])
 
 say("", "## Live", "", "Simulated GigE cameras, daemon and subscriber on the same processors (`live.sh`).", "")
 live = folder / "live.md"

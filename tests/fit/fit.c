@@ -8,7 +8,7 @@
  * pictures 1.5..5 times as wide, 3..12 cameras, noise 0..20 % of the peak, basis, 1 or 2x2 rays.
  * The case number is the seed: a case is the same in every run. */
 #include "recon/frame/inside.h"
-#include "tests/bench/curve.h"
+#include "tests/bench/shot.h"
 #include "tests/lib/entries.h"
 
 #define ITERATIONS 60 /* nothing moves any more */
@@ -140,7 +140,7 @@ static void run(FILE *csv, int number, pvx_pool *pool)
             s.peak = fmax(s.peak, s.image[k][i]);
     }
     s.nch = 1;
-    rec_sysmat *S = scene_matrix(&s, c.rays, pool, NULL);
+    rec_sysmat *S = scene_matrix(&s, c.rays, pool);
     float *dense = must_floats(rec_grid_count(&S->grid));
     struct rec_frame_params p = rec_frame_defaults;
     p.nch = 1;

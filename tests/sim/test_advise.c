@@ -1,5 +1,4 @@
-/* test_advise.c - `pyrovox advise` on some of the random scenes whose needs are known (tests/bench/bench_advise.c has
- * more). */
+/* test_advise.c - `pyrovox advise` on some of the random scenes whose needs are known. */
 #include "../t.h"
 
 #include "tests/bench/advise_scenes.h"

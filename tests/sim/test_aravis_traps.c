@@ -374,7 +374,7 @@ T_CASE(wrong_frames_are_counted)
 
 /* ---- gone and back ---------------------------------------------------------------------------- */
 
-/* A camera that restarts, and a switch whose cameras have not: how soon, bench_replug says. */
+/* A camera that restarts, and a switch whose cameras have not. */
 T_CASE(cameras_come_back)
 {
     bed_all(25);

@@ -33,7 +33,7 @@ def status():
     finally:
         s.close()
 
-PATIENCE_S = int(os.environ["patience"]) # how soon all is well again is for bench_replug to say
+PATIENCE_S = int(os.environ["patience"])
 
 def until(true):
     """Seconds until true(status), or None."""
