@@ -334,9 +334,8 @@ static pvx_err files_set_up(struct files *s, const struct cap_source_config *c, 
               "periods; if they are times, rename the files to count frames",
               s->camera_name, step);
     }
-    if (s->reel.left_out > 0)
-        LOG_W(CAPTURE, "camera %s: pictures without a number are left out: %s%s", s->camera_name,
-              s->reel.unnumbered, s->reel.left_out > 1 ? " and others" : "");
+    for (char *rest = s->reel.said, *said; (said = strsep(&rest, "\n")) != NULL && *said != '\0';)
+        LOG_W(CAPTURE, "camera %s: %s", s->camera_name, said);
     if (!(fps > 1e-3 && fps < 1e5))
         fps = 30;
     s->period_ns = (int64_t)(1e9 / fps + 0.5);

@@ -133,8 +133,7 @@ static pvx_err imgio_check_type(const char *path, struct pvx_diag *d)
 {
     return cap_is_image(path)
                ? PVX_OK
-               : pvx_fail(d, PVX_EUNSUP,
-                          "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
+               : pvx_fail(d, PVX_EUNSUP, "%s: unknown type; images are " CAP_IMAGES, path);
 }
 
 /* Opens a TIFF file that is no pipe; *fd = -1: it is something else. */

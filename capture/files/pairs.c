@@ -1,7 +1,6 @@
 #include "capture/files/pairs.h"
 
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,23 +23,6 @@ struct pairing {
     size_t *left_out; /* [cameras] frames that came second at their instant */
     struct cap_pairs *out;
 };
-
-static pvx_err pairs_say(struct cap_pairs *p, const char *fmt, ...)
-    __attribute__((format(printf, 2, 3)));
-
-static pvx_err pairs_say(struct cap_pairs *p, const char *fmt, ...)
-{
-    char line[1024], *all;
-    va_list args;
-    va_start(args, fmt);
-    vsnprintf(line, sizeof line, fmt, args);
-    va_end(args);
-    if (asprintf(&all, "%s%s\n", p->said != NULL ? p->said : "", line) < 0)
-        return PVX_ENOMEM;
-    free(p->said);
-    p->said = all;
-    return PVX_OK;
-}
 
 static int64_t pairs_time(const struct pairing *w, size_t c, size_t i)
 {
@@ -80,15 +62,16 @@ static pvx_err pairs_fastest(struct pairing *w, struct pvx_diag *d)
     while (w->fastest + 1 < w->cameras && w->reel[w->fastest].n == 0)
         w->fastest++;
     if (most > least && !(w->step > 0))
-        return pairs_say(w->out,
-                         "no camera has two frames, so that no frame period is known: they are "
-                         "taken as one set, though their times are %.4g s apart",
-                         (double)(most - least) * 1e-9);
+        return cap_reel_say(&w->out->said,
+                            "no camera has two frames, so that no frame period is known: they are "
+                            "taken as one set, though their times are %.4g s apart",
+                            (double)(most - least) * 1e-9);
     if (slowest > w->step * (1 + RATES))
-        return pairs_say(w->out,
-                         "%s has %.4g frames a second and %s %.4g: sets come at the higher rate, "
-                         "and the slower camera is missing in some",
-                         w->camera[w->fastest], 1e9 / w->step, w->camera[slow], 1e9 / slowest);
+        return cap_reel_say(
+            &w->out->said,
+            "%s has %.4g frames a second and %s %.4g: sets come at the higher rate, "
+            "and the slower camera is missing in some",
+            w->camera[w->fastest], 1e9 / w->step, w->camera[slow], 1e9 / slowest);
     return PVX_OK;
 }
 
@@ -226,20 +209,22 @@ static pvx_err pairs_judge(struct pairing *w, struct pvx_diag *d)
         if (common == 0 || (!w->times && (double)common < NONE * (double)most))
             return pairs_refuse(w, c, common, d);
         if (w->left_out[c] > 0)
-            PVX_TRY(pairs_say(w->out,
-                              "%s: %zu of %zu frames are left out, because another is nearer to "
-                              "their instant",
-                              w->camera[c], w->left_out[c], n));
+            PVX_TRY(cap_reel_say(&w->out->said,
+                                 "%s: %zu of %zu frames are left out, because another is nearer to "
+                                 "their instant",
+                                 w->camera[c], w->left_out[c], n));
         size_t lacks = sets - (n - w->left_out[c]);
         if (lacks > 0 && (w->times || pages))
-            PVX_TRY(pairs_say(w->out, "%s has no frame in %zu of %zu sets%s", w->camera[c], lacks,
-                              sets, pages ? "; stacks are taken to have started together" : ""));
+            PVX_TRY(cap_reel_say(&w->out->said, "%s has no frame in %zu of %zu sets%s",
+                                 w->camera[c], lacks, sets,
+                                 pages ? "; stacks are taken to have started together" : ""));
         else if (!w->times && (double)common < FEW * (double)most)
-            PVX_TRY(pairs_say(w->out,
-                              "%s: only %zu of its %zu frames have a number that another camera "
-                              "has too; if the numbers are times of one clock, say --numbers ms, "
-                              "us or ns",
-                              w->camera[c], common, n));
+            PVX_TRY(
+                cap_reel_say(&w->out->said,
+                             "%s: only %zu of its %zu frames have a number that another camera "
+                             "has too; if the numbers are times of one clock, say --numbers ms, "
+                             "us or ns",
+                             w->camera[c], common, n));
     }
     return PVX_OK;
 }

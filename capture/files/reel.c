@@ -2,6 +2,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,6 +13,20 @@
 #include "capture/files/sequence.h"
 
 #define GAP 1.5 /* steps: from here on a frame is missing */
+
+pvx_err cap_reel_say(char **text, const char *fmt, ...)
+{
+    char line[2048], *all;
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(line, sizeof line, fmt, args);
+    va_end(args);
+    if (asprintf(&all, "%s%s\n", *text != NULL ? *text : "", line) < 0)
+        return PVX_ENOMEM;
+    free(*text);
+    *text = all;
+    return PVX_OK;
+}
 
 /* ---- what a folder has ------------------------------------------------------------------------ */
 
@@ -168,10 +183,12 @@ static pvx_err reel_open_pictures(struct cap_reel *r, struct cap_sequence *s, st
         return PVX_ENOMEM;
     for (; r->n < s->n; r->n++)
         r->frame[r->n] = (struct cap_reel_frame){s->item[r->n].number, (uint32_t)r->n, 0};
-    r->left_out = s->unnumbered;
-    r->unnumbered = s->first_unnumbered;
-    r->odd = s->odd;
-    s->first_unnumbered = NULL;
+    if (s->odd > 0)
+        PVX_TRY(cap_reel_say(&r->said, "%s and %s are names of two kinds; both are frames",
+                             r->path[0], r->path[s->odd]));
+    if (s->unnumbered > 0)
+        PVX_TRY(cap_reel_say(&r->said, "pictures without a number are left out: %s%s",
+                             s->first_unnumbered, s->unnumbered > 1 ? " and others" : ""));
     return PVX_OK;
 }
 
@@ -196,6 +213,12 @@ pvx_err cap_reel_open(const char *name, struct cap_reel *r, struct pvx_diag *d)
         e = reel_open_pictures(r, &s, &why);
     if (e == PVX_OK && r->n == 0)
         e = PVX_ENOENT;
+    if (e == PVX_OK && s.unknown > 0)
+        e = cap_reel_say(&r->said,
+                         "%s%s: no type that is read (" CAP_IMAGES " " CAP_VIDEOS
+                         "): left out; save pictures as one of these, and move "
+                         "away what is none",
+                         s.first_unknown, s.unknown > 1 ? " and others" : "");
     cap_sequence_free(&s);
     free(film);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
@@ -207,7 +230,7 @@ void cap_reel_close(struct cap_reel *r)
         free(r->path[i]);
     free(r->path);
     free(r->frame);
-    free(r->unnumbered);
+    free(r->said);
     cap_video_close(&r->video);
     *r = (struct cap_reel){0};
 }

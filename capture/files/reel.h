@@ -23,10 +23,8 @@ struct cap_reel {
     } * frame;               /* [n] ascending, no two of one number or time */
     int64_t begin;           /* with pages: number of the first file; -1: not known */
     size_t files;
-    char **path;     /* [files] */
-    size_t left_out; /* pictures without a number, the first of which is: */
-    char *unnumbered;
-    size_t odd;       /* the first picture whose name is of another kind (sequence.h); 0: none */
+    char **path;      /* [files] */
+    char *said;       /* what is left out of it, or odd: a sentence on each line; NULL: nothing */
     cap_video *video; /* open at: */
     size_t next;
     int64_t held_at;       /* time of a film's frame that was read too early, in: */
@@ -51,4 +49,7 @@ const char *cap_reel_name(const struct cap_reel *r, size_t i, char room[CAP_REEL
 /* Its usual step from frame to frame, ns or numbers; gaps do not count.  0: of fewer than two frames. */
 double cap_reel_step(const struct cap_reel *r);
 void cap_reel_close(struct cap_reel *r);
+/* Add a line to a text that grows; *text NULL: the first.  Owner: caller, free().  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err cap_reel_say(char **text, const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
 #endif

@@ -54,6 +54,19 @@ bool cap_is_video(const char *path)
     return sequence_has_extension(path, ext);
 }
 
+bool cap_is_unknown(const char *path)
+{
+    static const char *const ext[] = {
+        ".txt", ".log",   ".md",   ".csv", ".tsv", ".json", ".xml", ".yaml", ".yml",  ".ini",
+        ".cfg", ".conf",  ".toml", ".xmp", ".cih", ".cihx", ".db",  ".htm",  ".html", ".pdf",
+        ".rtf", ".doc",   ".docx", ".odt", ".xls", ".xlsx", ".ods", ".md5",  ".sha1", ".sha256",
+        ".py",  ".ipynb", ".m",    ".r",   ".sh",  ".bat",  ".lnk", ".url",  NULL};
+    const char *file = last_part(path);
+    bool nameless = strchr(file, '.') == NULL && strpbrk(file, "0123456789") == NULL; /* README */
+    return *file != '.' && !nameless && !cap_is_image(file) && !cap_is_video(file) &&
+           !sequence_has_extension(file, ext);
+}
+
 static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_diag *d)
 {
     const char *at = strchr(name, '%'), *q = at + 1;
@@ -146,6 +159,22 @@ static pvx_err sequence_add(struct cap_sequence *s, size_t *room, int64_t number
     return PVX_OK;
 }
 
+/* Count a file that may be a picture, but is not of a type that is read.  A folder is none. */
+static pvx_err sequence_note(struct cap_sequence *s, const char *dir, const char *file)
+{
+    struct stat st;
+    char *path;
+    if (!cap_is_unknown(file))
+        return PVX_OK;
+    if (asprintf(&path, "%s%s", dir, file) < 0)
+        return PVX_ENOMEM;
+    if ((stat(path, &st) == 0 && S_ISDIR(st.st_mode)) || s->unknown++ > 0)
+        free(path);
+    else
+        s->first_unknown = path;
+    return PVX_OK;
+}
+
 /* All images of folder `dir` ("" or with its slash) that fit `p`, or all when it is NULL. */
 static pvx_err from_folder(const char *dir, const char *name, const struct pattern *p,
                            struct cap_sequence *s, struct pvx_diag *d)
@@ -161,6 +190,8 @@ static pvx_err from_folder(const char *dir, const char *name, const struct patte
         bool is = p != NULL ? number != NONE : cap_is_image(f->d_name);
         if (is && f->d_name[0] != '.') /* hidden: macOS leaves ._1.png beside 1.png */
             e = sequence_add(s, &room, number, dir, f->d_name, d);
+        else if (p == NULL)
+            e = sequence_note(s, dir, f->d_name);
     }
     closedir(h);
     return e;
@@ -181,6 +212,8 @@ static pvx_err from_glob(const char *name, struct cap_sequence *s, struct pvx_di
         const char *file = last_part(g.gl_pathv[i]);
         if (cap_is_image(file) && *file != '.')
             e = sequence_add(s, &room, last_digits(file), "", g.gl_pathv[i], d);
+        else
+            e = sequence_note(s, "", g.gl_pathv[i]);
     }
     globfree(&g);
     return e;
@@ -295,10 +328,11 @@ pvx_err cap_sequence_find(const char *name, struct cap_sequence *out, struct pvx
                               : sequence_find(name, out, d);
     PVX_TRY(e);
     if (out->n == 0)
-        return pvx_fail(d, PVX_ENOENT,
-                        "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)%s%s", name,
+        return pvx_fail(d, PVX_ENOENT, "%s: no numbered image fits (" CAP_IMAGES ")%s%s%s%s", name,
                         out->unnumbered > 0 ? "; there is no number in the name of " : "",
-                        out->unnumbered > 0 ? last_part(out->first_unnumbered) : "");
+                        out->unnumbered > 0 ? last_part(out->first_unnumbered) : "",
+                        out->unknown > 0 ? "; save as one of these types: " : "",
+                        out->unknown > 0 ? last_part(out->first_unknown) : "");
     qsort(out->item, out->n, sizeof *out->item, sequence_by_number);
     return sequence_check(out, d);
 }
@@ -309,5 +343,6 @@ void cap_sequence_free(struct cap_sequence *s)
         free(s->item[i].path);
     free(s->item);
     free(s->first_unnumbered);
+    free(s->first_unknown);
     *s = (struct cap_sequence){0};
 }

@@ -5,7 +5,7 @@
  *   DIR/flame.png       one image
  * Except with a pattern, a file's number is the last run of digits in its name without extension
  * (0 for one image without digits).  Missing numbers are gaps, not errors.  Names that begin with a dot are passed
- * over.  A file without a number is counted and left out. */
+ * over.  A file without a number, or of an unknown type, is counted and left out. */
 #ifndef CAP_SEQUENCE_H
 #define CAP_SEQUENCE_H
 #include <stdbool.h>
@@ -21,8 +21,8 @@ struct cap_sequence {
     } * item; /* [n] by number, n >= 1 */
     size_t
         odd; /* the first item whose name differs from that of item 0 in more than digits and extension; 0: none */
-    size_t unnumbered;
-    char *first_unnumbered; /* NULL: none */
+    size_t unnumbered, unknown;
+    char *first_unnumbered, *first_unknown; /* NULL: none */
 };
 
 /* Owner: caller, cap_sequence_free(), after an error too.  Errors: PVX_EINVAL (pattern; two files of one number; names
@@ -37,4 +37,9 @@ bool cap_is_image(const char *path);
 bool cap_is_stack(const char *path);
 /* .mp4 .avi .mkv .mov, in any case. */
 bool cap_is_video(const char *path);
+/* Neither of these nor, by its name, a file that people and programs leave beside pictures (notes, tables, Thumbs.db):
+ * it may be a picture of another type. */
+bool cap_is_unknown(const char *path);
+#define CAP_IMAGES ".npy .png .tif .tiff .jpg .jpeg"
+#define CAP_VIDEOS ".mp4 .avi .mkv .mov"
 #endif

@@ -339,10 +339,18 @@ T_CASE(numbers_that_are_times)
     }
     /* a name that no camera has, two files of one number, one film */
     T_EQ_I(rename(at("us/cam2"), at("us/cam 2")), 0);
+    T_EQ_I(pvx_file_write(at("us/cam1/7.ppm"), "P6", 2, &d), PVX_OK);
     T_EQ_I(
         pyrovox("reconstruct --rig rig.yaml --frames us " EIGHT " --numbers us --out vus --quiet"),
         0);
     T_CONTAINS(slurp("err"), "no frames of cam2, missing in all sets; 'cam 2' in it belongs to");
+    T_CONTAINS(slurp("err"), "us/cam1/7.ppm: no type that is read (.npy .png");
+    T_EQ_I(rename(at("us/cam 2"), at("cam 2")), 0);
+    T_EQ_I(pvx_file_write(at("us/cam2.wmv"), "film", 4, &d), PVX_OK);
+    T_EQ_I(
+        pyrovox("reconstruct --rig rig.yaml --frames us " EIGHT " --numbers us --out vus --quiet"),
+        0);
+    T_CONTAINS(slurp("err"), "no frames of cam2, missing in all sets; cam2.wmv is of no type that");
     T_EQ_I(symlink(at("png/cam1/000001.png"), at("png/cam1/1.tif")), 0);
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png " EIGHT " --out vus --quiet"), 1);
     T_CONTAINS(slurp("err"), "png/cam1/1.tif");

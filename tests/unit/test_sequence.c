@@ -79,6 +79,40 @@ T_CASE(folder_takes_images_only)
     scratch_remove();
 }
 
+/* What may be a picture of another type is named; what cannot be one is not. */
+T_CASE(other_types_are_counted)
+{
+    static const char *const quiet[] = {"Thumbs.db", "000003.txt", "1.JSON",  "x2.xml",   "README",
+                                        ".DS_Store", "2.mov",      "run.log", "_run.cihx"};
+    static const char *const named[] = {"000003.ppm", "4.BMP",      "5.webp", "cam.cine",
+                                        "000007",     "8.tif.part", "9.raw"};
+    struct cap_sequence s;
+    struct pvx_diag d;
+    scratch_new();
+    touch("1.png");
+    T_EQ_I(mkdir(at("dark.1"), 0700), 0);
+    for (size_t i = 0; i < sizeof quiet / sizeof quiet[0]; i++)
+        touch(quiet[i]);
+    T_EQ_I(find("", &s, &d), PVX_OK);
+    T_OK(s.n == 1 && s.unknown == 0 && s.first_unknown == NULL);
+    cap_sequence_free(&s);
+    for (size_t i = 0; i < sizeof named / sizeof named[0]; i++) {
+        touch(named[i]);
+        T_EQ_I(find("", &s, &d), PVX_OK);
+        T_OK(s.n == 1 && s.unknown == 1);
+        T_CONTAINS(s.first_unknown, named[i]);
+        cap_sequence_free(&s);
+        T_EQ_I(find("/*", &s, &d), PVX_OK);
+        T_EQ_I(s.unknown, 1);
+        cap_sequence_free(&s);
+        T_EQ_I(unlink(at("%s", named[i])), 0);
+    }
+    T_EQ_I(unlink(at("1.png")), 0);
+    touch("000003.ppm");
+    fails("", PVX_ENOENT, "save as one of these types: 000003.ppm");
+    scratch_remove();
+}
+
 /* Microseconds, dates, and nanoseconds; hidden files beside them. */
 T_CASE(numbers_have_64_bits)
 {

@@ -59,6 +59,9 @@ static pvx_err find_add_reel(struct calibrate_look *l, const char *dir, const ch
                      "%s: folders with pictures and videos side by side: give a folder with "
                      "pictures or one with videos",
                      dir);
+    for (char *rest = r.said, *line;
+         e == PVX_OK && (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+        fprintf(stderr, "pyrovox: camera %s: %s\n", name, line);
     if (e == PVX_OK) {
         l->reel[l->n_reels++] = r;
         if (r.kind != CAP_REEL_PICTURES)
@@ -89,6 +92,10 @@ static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *
     bool film = cap_is_video(name);
     if (!film && cap_is_image(name) && cap_image_pages(path, &pages, &why) != PVX_OK)
         fprintf(stderr, "pyrovox: %s\n", why.text);
+    if (cap_is_unknown(name))
+        fprintf(stderr,
+                "pyrovox: %s: no type that is read (" CAP_IMAGES " " CAP_VIDEOS "): left out\n",
+                path);
     if (!film && pages < 2)
         return PVX_OK;
     snprintf(camera, sizeof camera, "%.*s", (int)(strrchr(name, '.') - name), name);

@@ -63,6 +63,7 @@ static void frames_in_others(const struct frames_in *f, char *text, size_t size)
     struct dirent *e;
     size_t n = 0;
     bool pictures = false;
+    char unread[100] = "";
     DIR *h = opendir(f->dir);
     *text = '\0';
     while (h != NULL && (e = readdir(h)) != NULL) {
@@ -73,11 +74,15 @@ static void frames_in_others(const struct frames_in *f, char *text, size_t size)
         if (e->d_name[0] == '.' || stat(path, &st) != 0)
             continue;
         pictures = pictures || (!S_ISDIR(st.st_mode) && cap_is_image(name));
-        if (!S_ISDIR(st.st_mode) && cap_is_video(name))
-            *strrchr(name, '.') = '\0';
-        else if (!S_ISDIR(st.st_mode))
+        bool unknown = !S_ISDIR(st.st_mode) && cap_is_unknown(name);
+        if (!S_ISDIR(st.st_mode) && !cap_is_video(name) && !unknown)
             continue;
-        if (rec_rig_find(f->rig, name) < 0 && n++ < 3)
+        char *dot = strrchr(name, '.');
+        if (!S_ISDIR(st.st_mode) && dot != NULL)
+            *dot = '\0';
+        if (unknown && rec_rig_find(f->rig, name) >= 0)
+            snprintf(unread, sizeof unread, "%.60s is of no type that is read", e->d_name);
+        if (!unknown && rec_rig_find(f->rig, name) < 0 && n++ < 3)
             snprintf(text + strlen(text), size - strlen(text), "%s'%.60s'", n > 1 ? ", " : "",
                      e->d_name);
     }
@@ -87,6 +92,8 @@ static void frames_in_others(const struct frames_in *f, char *text, size_t size)
         snprintf(text + strlen(text), size - strlen(text),
                  "%s in it belongs to no camera of the rig; is a name misspelt?",
                  n > 3 ? " and more" : "");
+    else if (unread[0] != '\0')
+        snprintf(text, size, "%s", unread);
     else if (pictures)
         snprintf(text, size, "the pictures that lie in it directly belong to no camera");
 }
@@ -134,12 +141,9 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
         cap_reel_close(&f->reel[c]);
         return PVX_OK;
     }
-    if (e == PVX_OK && f->reel[c].odd > 0)
-        fprintf(stderr, "pyrovox: camera %s: %s and %s are names of two kinds; both are frames\n",
-                camera, f->reel[c].path[0], f->reel[c].path[f->reel[c].odd]);
-    if (e == PVX_OK && f->reel[c].left_out > 0)
-        fprintf(stderr, "pyrovox: camera %s: pictures without a number are left out: %s%s\n",
-                camera, f->reel[c].unnumbered, f->reel[c].left_out > 1 ? " and others" : "");
+    for (char *rest = f->reel[c].said, *line;
+         e == PVX_OK && (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+        fprintf(stderr, "pyrovox: camera %s: %s\n", camera, line);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
 }
 
