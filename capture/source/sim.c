@@ -30,7 +30,7 @@ struct faults {
     /* The faults below, and drop, freeze and short_every, act only between these times, s since 1970. */
     double from, to;
     double incomplete;    /* share of frames that arrive with parts missing */
-    double rate;          /* its own rate over fps: 0.5 = every other, 0.999 = it runs by itself */
+    double rate;          /* its own rate over fps: 0.5 = every other, 0.999 = it runs freely */
     double phase_us;      /* it exposes this much after the others */
     double clock_jump_s;  /* its clock is this far off */
     double host_step_s;   /* the host's time of day was changed by this */

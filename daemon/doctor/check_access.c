@@ -49,7 +49,7 @@ static void membership(struct doctor *d, const char *group, const char *what)
     struct doc_finding *f = doc_say(d, DOC_FAIL, 87, id, "%s is not in the group %s", title, group);
     doc_means(f, "%s cannot be opened", what);
     doc_command(f, "adduser \"${SUDO_USER:-$USER}\" %s", group);
-    doc_note(f, "and log in again: groups are given at login");
+    doc_note(f, "then log in again: a new group takes effect at login");
 }
 
 static void video_files(struct doctor *d)
@@ -77,9 +77,9 @@ static void video_files(struct doctor *d)
             doc_say(d, DOC_FAIL, 88, "access.devices", "there is no /dev/video*");
         doc_means(f, "no V4L2 camera can be opened");
         doc_command(f, "modprobe uvcvideo");
-        doc_note(f,
-                 "is the camera plugged in? `dmesg | tail` says what the kernel made of it; in a "
-                 "container or virtual machine the device has to be passed through");
+        doc_note(
+            f, "check that the camera is plugged in; `dmesg | tail` shows whether the kernel found "
+               "it. In a container or virtual machine the device must be passed through");
     } else if (shut > 0) {
         struct doc_finding *f =
             doc_say(d, wanted ? DOC_FAIL : DOC_WARN, 84, "access.devices",

@@ -36,7 +36,7 @@ static void rmem_max(struct doctor *d, bool packet_socket)
             doc_say(d, DOC_WARN, 43, "net.rmem_max",
                     "largest socket buffer is %.1f MiB, gige.socket_buffer asks for %.1f",
                     (double)v / MIB, (double)d->load.socket_buffer / MIB);
-        doc_means(f, "cameras get less room for bursts than the configuration says");
+        doc_means(f, "cameras get less buffer for bursts than the configuration asks for");
         doc_sysctl(f, "net.core.rmem_max", "%lld", (long long)want);
         return;
     }
@@ -51,8 +51,8 @@ static void rmem_max(struct doctor *d, bool packet_socket)
                 (double)v / MIB, frame / MIB);
     doc_means(f, "%s",
               packet_socket
-                  ? "pyrovoxd may read packets past the socket buffers (CAP_NET_RAW); without that "
-                    "right, packets are lost whenever it is not scheduled for a moment"
+                  ? "pyrovoxd may bypass the socket buffers (CAP_NET_RAW); without that right, "
+                    "packets are lost whenever it is not scheduled for a moment"
                   : "packets are lost whenever the program is not scheduled for a moment: frames "
                     "are counted as incomplete, or have to be sent again");
     doc_sysctl(f, "net.core.rmem_max", "%lld", (long long)want);
@@ -72,7 +72,7 @@ static void rmem_default(struct doctor *d, bool packet_socket)
                                     "first socket buffer is %.2f MiB, a frame takes %.2f",
                                     (double)v / MIB, frame / MIB);
     doc_means(f,
-              "the buffer is made larger only when the first frame has begun, so the first frame "
+              "the buffer grows only after the first frame has begun, so the first frame "
               "of each camera after a start is often incomplete (discard_first: 1 leaves it out)");
     if (!packet_socket)
         doc_sysctl(f, "net.core.rmem_default", "%lld", (long long)round_up(frame));
@@ -95,7 +95,7 @@ static void udp_mem(struct doctor *d)
         doc_say(d, DOC_FAIL, 85, "net.udp_mem",
                 "all UDP sockets together may hold %.1f MiB, two frames of every camera take %.1f",
                 (double)high * page / MIB, need / MIB);
-    doc_means(f, "packets are lost when all cameras send at once, however large each buffer is");
+    doc_means(f, "packets are lost when all cameras send at once, even if each buffer is large");
     long long pages = (long long)(round_up(2 * need) / (int64_t)page);
     doc_sysctl(f, "net.ipv4.udp_mem", "%lld %lld %lld", pages / 2, pages * 3 / 4, pages);
 }
@@ -141,7 +141,7 @@ static void backlog(struct doctor *d)
         doc_say(d, DOC_WARN, 60, "net.backlog",
                 "%s queues at most %lld packets per processor, a set of all cameras has %.0f",
                 which, (long long)v, need);
-    doc_means(f, "when the cameras expose together their packets come together; those past the "
+    doc_means(f, "cameras that expose together send together; packets that exceed the "
                  "backlog are lost");
     doc_sysctl(f, "net.core.netdev_max_backlog", "%lld", (long long)round_up(2 * need));
 }

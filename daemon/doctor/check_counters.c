@@ -15,34 +15,41 @@ static const struct counter {
     enum source from;
     const char *name, *id, *what, *means, *key, *value, *note;
 } counters[] = {
-    {FROM_LINK, "rx_missed_errors", "net.missed", "packets lost in the card, its ring was full",
-     "whole frames are incomplete", NULL, NULL,
-     "larger ring (ethtool -G), governor `performance`, interrupts on processors of their own"},
-    {FROM_LINK, "rx_fifo_errors", "net.fifo", "packets lost in the card, its memory was full",
-     "whole frames are incomplete", NULL, NULL,
-     "larger ring (ethtool -G), flow control on (ethtool -A), a card with more memory"},
-    {FROM_LINK, "rx_over_errors", "net.over", "packets lost in the card, it was overrun",
-     "whole frames are incomplete", NULL, NULL, "larger ring (ethtool -G), flow control on"},
-    {FROM_LINK, "rx_crc_errors", "net.crc", "packets that came damaged",
-     "each costs a frame, or a packet sent again", NULL, NULL,
-     "the cable or its plug: try another (Cat 6), away from motors and ignition"},
+    {FROM_LINK, "rx_missed_errors", "net.missed",
+     "packets lost in the network card because its ring was full", "whole frames are incomplete",
+     NULL, NULL,
+     "set a larger ring (ethtool -G) and the governor `performance`, and give interrupts their own "
+     "processors"},
+    {FROM_LINK, "rx_fifo_errors", "net.fifo",
+     "packets lost in the network card because its memory was full", "whole frames are incomplete",
+     NULL, NULL,
+     "set a larger ring (ethtool -G), turn flow control on (ethtool -A), or use a card with more "
+     "memory"},
+    {FROM_LINK, "rx_over_errors", "net.over",
+     "packets lost in the network card because it was overrun", "whole frames are incomplete", NULL,
+     NULL, "set a larger ring (ethtool -G) and turn flow control on (ethtool -A)"},
+    {FROM_LINK, "rx_crc_errors", "net.crc", "packets that arrived damaged",
+     "each one costs a frame, or the camera must send the packet again", NULL, NULL,
+     "try another cable (Cat 6), and lay it away from motors and ignition"},
     {FROM_LINK, "rx_length_errors", "net.length", "packets of a wrong size",
      "frames larger than the MTU are thrown away", NULL, NULL,
-     "same MTU on card, switch and cameras"},
-    {FROM_LINK, "rx_dropped", "net.dropped", "packets the kernel threw away after the card",
-     "some may be of cameras; packets of protocols nobody listens to count here too", NULL, NULL,
-     "`dropwatch` or `perf trace -e skb:kfree_skb` shows where"},
+     "set the same MTU on card, switch and cameras"},
+    {FROM_LINK, "rx_dropped", "net.dropped",
+     "packets that the kernel dropped after the network card took them",
+     "some may be from cameras; packets of protocols that no program uses also count here", NULL,
+     NULL, "`dropwatch` or `perf trace -e skb:kfree_skb` shows where"},
     {FROM_SNMP_UDP, "RcvbufErrors", "net.rcvbuf", "packets lost because a socket's buffer was full",
      "a program (pyrovoxd?) did not read in time", "net.core.rmem_max", "33554432",
-     "more priority for the receiving thread; fewer other programs"},
+     "give the receiving thread more priority, or end other programs"},
     {FROM_SNMP_UDP, "MemErrors", "net.udpmem", "packets lost because all UDP memory was in use",
-     "all cameras' bursts together do not fit", "net.ipv4.udp_mem", "131072 196608 262144", NULL},
+     "the bursts of all cameras together do not fit", "net.ipv4.udp_mem", "131072 196608 262144",
+     NULL},
     {FROM_SNMP_UDP, "InCsumErrors", "net.csum", "UDP packets with a wrong checksum",
-     "each costs a frame, or a packet sent again", NULL, NULL,
-     "cable, switch or the card's offload"},
+     "each one costs a frame, or the camera must send the packet again", NULL, NULL,
+     "check the cable, the switch and the card's checksum offload"},
     {FROM_SNMP_IP, "ReasmFails", "net.reasm", "IP fragments that could not be put together",
      "cameras send packets larger than the MTU of a switch or card", NULL, NULL,
-     "same MTU everywhere, or a smaller gige.packet_size"},
+     "set the same MTU everywhere, or a smaller gige.packet_size"},
     {FROM_SOFTNET, "dropped", "net.softnet", "packets lost because a processor's backlog was full",
      "whole frames are incomplete", "net.core.netdev_max_backlog", "16384", NULL},
     {FROM_SOCKETS, "drops", "net.sockets", "packets lost by UDP sockets that are open now",
@@ -110,11 +117,12 @@ static void squeezed(struct doctor *d, const struct doc_softnet *s)
     if (doc_settled(s->squeezed < 100 || share < 1e-5, d, DOC_OK, 10, "net.squeeze",
                     "the kernel keeps up with receiving"))
         return;
-    struct doc_finding *f = doc_say(d, DOC_WARN, 50, "net.squeeze",
-                                    "the kernel ended receiving early %llu times since boot, once "
-                                    "in %.0f packets",
-                                    (unsigned long long)s->squeezed, 1 / share);
-    doc_means(f, "packets wait in the card's ring until it has time again");
+    struct doc_finding *f =
+        doc_say(d, DOC_WARN, 50, "net.squeeze",
+                "the kernel stopped receiving early %llu times since boot, once "
+                "per %.0f packets",
+                (unsigned long long)s->squeezed, 1 / share);
+    doc_means(f, "packets wait in the card's ring until the kernel receives again");
     doc_sysctl(f, "net.core.netdev_budget", "600");
     doc_sysctl(f, "net.core.netdev_budget_usecs", "8000");
 }

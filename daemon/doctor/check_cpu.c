@@ -32,8 +32,9 @@ static void check_cpu_number(struct doctor *d)
         struct doc_finding *f =
             doc_say(d, DOC_WARN, 72, "cpu.count",
                     "%u processors; receiving, unpacking and solving need about %.1f", n, need);
-        doc_means(f, "frames wait for a processor and are displaced by newer ones (overflow)");
-        doc_note(f, "lower fps, jumbo frames, more binning, a coarser grid, or more processors");
+        doc_means(f, "frames wait for a processor, and newer frames replace them (overflow)");
+        doc_note(f,
+                 "use a lower fps, jumbo frames, more binning, a coarser grid, or more processors");
     }
     if (!doc_text(d->host, text, sizeof text, "/proc/loadavg") ||
         sscanf(text, "%lf", &load1) != 1 || !isfinite(load1))
@@ -43,7 +44,7 @@ static void check_cpu_number(struct doctor *d)
         return;
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 58, "cpu.load", "other programs want %.1f processors of %u", load1, n);
-    doc_means(f, "receiving threads wait for their turn while packets come in");
+    doc_means(f, "receiving threads wait while packets arrive");
     doc_note(f, "end them, or give them less (`top` shows which; `systemctl set-property NAME "
                 "CPUQuota=50%%`)");
 }
@@ -73,7 +74,7 @@ static void governor(struct doctor *d)
     char gov[64], epp[64] = "";
     if (doc_settled(!doc_text(d->host, gov, sizeof gov,
                               "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-                    d, DOC_OK, 50, "cpu.governor", "no frequency scaling to be seen here%s",
+                    d, DOC_OK, 50, "cpu.governor", "this machine shows no frequency scaling%s",
                     doc_exists(d->host, "/sys/class/dmi") ? ""
                                                           : " (a virtual machine's host decides)"))
         return;
@@ -82,8 +83,8 @@ static void governor(struct doctor *d)
     if (strcmp(gov, "performance") != 0) {
         struct doc_finding *f =
             doc_say(d, DOC_WARN, 66, "cpu.governor", "frequency governor is `%s`", gov);
-        doc_means(f, "processors run slowly between bursts: the first packets of each find a slow "
-                     "one, and solving time jitters");
+        doc_means(f, "processors run slowly between bursts: each burst begins on a slow processor, "
+                     "and the solving time varies");
         doc_command(f, "for g in /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor; do echo "
                        "performance > \"$g\"; done");
         return;
@@ -91,7 +92,7 @@ static void governor(struct doctor *d)
     if (has_epp && (strcmp(epp, "power") == 0 || strcmp(epp, "balance_power") == 0)) {
         struct doc_finding *f = doc_say(d, DOC_WARN, 60, "cpu.energy",
                                         "the processor's energy preference is `%s`", epp);
-        doc_means(f, "the processor saves energy where it should be quick");
+        doc_means(f, "the processor saves energy at the cost of speed");
         doc_command(f, "for p in /sys/devices/system/cpu/cpu*/cpufreq/energy_performance_preference"
                        "; do echo performance > \"$p\"; done");
         return;
@@ -126,7 +127,7 @@ static void sleep_states(struct doctor *d)
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 52, "cpu.sleep", "a sleeping processor takes %lld us to wake (%s)",
                 (long long)worst, deepest);
-    doc_means(f, "each burst of packets waits that long before the first is taken");
+    doc_means(f, "each burst of packets waits that long before the first packet is read");
     doc_command(f,
                 "for s in /sys/devices/system/cpu/cpu*/cpuidle/state*; do [ \"$(cat "
                 "\"$s/latency\")\" -le %d ] || echo 1 > \"$s/disable\"; done",
@@ -185,6 +186,6 @@ void doc_check_irqs(struct doctor *d)
         doc_command(f, "apt-get install -y irqbalance");
     } else {
         doc_say(d, DOC_OK, 56, "cpu.irq", "interrupts of the cards %s",
-                balanced ? "are balanced by irqbalance" : "crowd no processor");
+                balanced ? "are balanced by irqbalance" : "are spread over the processors");
     }
 }

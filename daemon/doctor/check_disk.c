@@ -15,7 +15,7 @@ static void check_disk_room(struct doctor *d, const char *dir)
     double have;
     if (!d->host->space(d->host, dir, &have)) {
         struct doc_finding *f = doc_say(d, DOC_FAIL, 76, "disk.space",
-                                        "%s: no such folder, or not to be looked at", dir);
+                                        "%s: the folder does not exist or cannot be read", dir);
         doc_means(f, "recording cannot start");
         doc_command(f, "mkdir -p %s", doc_quote(dir));
         return;
@@ -28,7 +28,7 @@ static void check_disk_room(struct doctor *d, const char *dir)
         doc_say(d, s < 60 ? DOC_FAIL : DOC_WARN, 69, "disk.space",
                 "%s: %.1f GB free, enough for %.0f s of raw frames", dir, have * 1e-9, s);
     doc_means(f, "the recording ends when the disk is full");
-    doc_note(f, "another disk, or delete old takes");
+    doc_note(f, "use another disk, or delete old takes");
 }
 
 /* Write to a fresh file and wait until it is on the disk; bytes per second, 0: could not. */
@@ -78,8 +78,8 @@ static void check_disk_speed(struct doctor *d, const char *dir)
     struct doc_finding *f = doc_say(d, rate < d->load.bytes_per_s ? DOC_FAIL : DOC_WARN, 71,
                                     "disk.speed", "%s: takes %.0f MB/s, cameras give %.0f", dir,
                                     rate * 1e-6, d->load.bytes_per_s * 1e-6);
-    doc_means(f, "raw recording cannot keep up and leaves frames out");
-    doc_note(f, "an NVMe disk, a packed or Bayer pixel_format, or fewer frames a second");
+    doc_means(f, "raw recording cannot keep up and loses frames");
+    doc_note(f, "use an NVMe disk, a packed or Bayer pixel_format, or a lower fps");
 }
 
 void doc_check_disk(struct doctor *d)

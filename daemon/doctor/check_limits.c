@@ -79,14 +79,14 @@ static void raw_sockets(struct doctor *d)
     if (doc_load_count(&d->load, DOC_CAM_GIGE) == 0)
         return;
     if (doc_settled(doc_has_cap(d, CAP_NET_RAW_BIT), d, DOC_OK, 68, "cap.net_raw",
-                    "pyrovoxd may read packets past the socket buffers"))
+                    "pyrovoxd may bypass the socket buffers"))
         return;
     if (doc_settled(doc_int(d->host, &room, "/proc/sys/net/core/rmem_max") && (double)room >= need,
                     d, DOC_OK, 68, "cap.net_raw",
                     "pyrovoxd reads packets through socket buffers, and these are large enough"))
         return;
     struct doc_finding *f = doc_say(d, DOC_WARN, 68, "cap.net_raw",
-                                    "pyrovoxd may not read packets past the socket buffers "
+                                    "pyrovoxd may not bypass the socket buffers "
                                     "(CAP_NET_RAW), and these are small");
     doc_means(f, "every packet goes through a buffer that may overflow");
     doc_command(f, "setcap cap_net_raw,cap_sys_nice+ep %s/pyrovoxd",

@@ -173,13 +173,13 @@ static void card(struct doctor *d, const struct doc_link *l)
     if (nic.coalesce_known && nic.rx_usecs > 500) {
         struct doc_finding *f =
             doc_say(d, DOC_WARN, 45, "net.coalesce",
-                    "%s collects packets for %u us before it says so", l->name, nic.rx_usecs);
-        doc_means(f, "its ring fills up meanwhile, and arrival times jitter by as much");
+                    "%s collects packets for %u us before it interrupts", l->name, nic.rx_usecs);
+        doc_means(f, "its ring fills up in that time, and arrival times vary by as much");
         doc_command(f, "ethtool -C %s adaptive-rx off rx-usecs 100", doc_quote(l->name));
     } else if (nic.coalesce_known && nic.rx_usecs == 0 && !nic.adaptive_rx && nic.rx_frames <= 1) {
         struct doc_finding *f = doc_say(d, DOC_WARN, 30, "net.coalesce",
                                         "%s interrupts for every single packet", l->name);
-        doc_means(f, "the processor drowns in interrupts when all cameras send");
+        doc_means(f, "interrupts take most of the processor when all cameras send");
         doc_command(f, "ethtool -C %s rx-usecs 50", doc_quote(l->name));
     } else if (nic.coalesce_known) {
         doc_say(d, DOC_OK, 45, "net.coalesce", "%s: interrupts %s", l->name,

@@ -36,8 +36,8 @@ static void free_memory(struct doctor *d, const char *meminfo)
                                     "%.2f GB of memory are free, frames alone take %.2f "
                                     "(%u of each camera)",
                                     have * 1e-9, need * 1e-9, d->load.buffers);
-    doc_means(f, "pyrovoxd does not start, or is swapped out or killed under way");
-    doc_note(f, "end other programs, or fewer `buffers`, or more memory");
+    doc_means(f, "pyrovoxd does not start, or it is swapped out or killed while it runs");
+    doc_note(f, "end other programs, set fewer `buffers`, or add memory");
 }
 
 static void huge_pages(struct doctor *d)

@@ -20,8 +20,8 @@ static void kernel(struct doctor *d)
     }
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 26, "kernel",
-                "Linux %s is older than any that Pyrovox is tried with (5.10)", version);
-    doc_means(f, "drivers of cameras and cards may have faults that were mended since");
+                "Linux %s is older than the oldest that Pyrovox is tested with (5.10)", version);
+    doc_means(f, "drivers of cameras and network cards may have faults that newer kernels fixed");
     doc_command(f, "apt-get update && apt-get install -y linux-image-amd64");
 }
 
@@ -41,8 +41,8 @@ static void machine(struct doctor *d)
                                     vendor[0] != '\0' ? " (" : "", vendor,
                                     vendor[0] != '\0' && product[0] != '\0' ? ", " : "",
                                     vendor[0] != '\0' ? product : "", vendor[0] != '\0' ? ")" : "");
-    doc_means(f, "it stands still whenever its host does something else: packets and frames are "
-                 "lost and times jitter without any sign of it here");
+    doc_means(f, "it pauses whenever its host does something else: packets and frames are lost "
+                 "and times vary, and nothing here shows it");
     doc_note(f, "for measurements use the machine itself; else pass the network card or USB "
                 "controller through and give the guest processors of its own");
 }

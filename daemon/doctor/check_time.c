@@ -29,15 +29,16 @@ static void fight(struct doctor *d)
         doc_say(d, d->load.shared_clock ? DOC_FAIL : DOC_WARN, 77, "time.daemons",
                 "%s and %s both set the system clock",
                 phc ? "phc2sys" : "two of chronyd, ntpd and timesyncd", phc ? ntp : "another");
-    doc_means(f, "the clock is pushed to and fro: exposure times jump against each other and "
-                 "frames do not find their sets");
+    doc_means(f, "the clock jumps back and forth: exposure times disagree, and frames do not "
+                 "find their sets");
     if (phc)
         doc_command(f, "systemctl disable --now %s",
                     strcmp(ntp, "chronyd") == 0 ? "chrony"
                     : strcmp(ntp, "ntpd") == 0  ? "ntp"
                                                 : ntp);
-    doc_note(f,
-             "exactly one of them: phc2sys where PTP leads, else chrony; `timemaster` joins both");
+    doc_note(
+        f,
+        "keep exactly one of them: phc2sys where PTP leads, else chrony; `timemaster` joins both");
 }
 
 static void synchronized(struct doctor *d)

@@ -98,7 +98,7 @@ static void ports(struct doctor *d, const struct usb_camera *c, size_t n)
             doc_say(d, DOC_FAIL, 91, "usb.speed", "%s (USB %s) runs at %lld Mb/s", c[i].product,
                     c[i].dev, (long long)c[i].speed);
         doc_means(f, "a USB3 Vision camera gets a tenth of its rate on a USB 2 port or cable");
-        doc_note(f, "a blue (SuperSpeed) port, and a short USB 3 cable of good quality");
+        doc_note(f, "use a SuperSpeed (blue) port and a short USB 3 cable of good quality");
     }
 }
 

@@ -197,7 +197,7 @@ static void background_use(dmn_background *b, dmn_pipeline *p)
         dmn_pipeline_background(p, c, &b->mean[c]);
     }
     if (b->sets == 0)
-        LOG_I(DAEMON, "no background any more");
+        LOG_I(DAEMON, "the background is removed");
     else
         LOG_I(DAEMON, "background: the mean of %u sets", b->sets);
 }

@@ -380,7 +380,7 @@ static pvx_err beside_finish(dmn_beside *b, int64_t grace_ns)
         beside_join(b);
     LOG_I(DAEMON, "%s: %llu volumes recorded, %llu lost%s", s.path, (unsigned long long)s.written,
           (unsigned long long)s.lost,
-          e == PVX_OK ? "" : "; the disk does not answer, what it took before is there");
+          e == PVX_OK ? "" : "; the disk does not answer; what it stored before is kept");
     return e;
 }
 

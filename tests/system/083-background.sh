@@ -42,7 +42,7 @@ check taken taken
 n=$(sets); wait_for published $((n + 5))
 check after volumes_of after
 check it-is-gone brightest after "b < 0.05"
-none() { background --sets 0; says 0 'no background any more'; }
+none() { background --sets 0; says 0 'the background is removed'; }
 check none-any-more none
 n=$(sets); wait_for published $((n + 5))
 check again volumes_of again
@@ -55,7 +55,7 @@ one_at_a_time() { background --sets 30; says 1 'is being taken already' && ! gon
 check one-at-a-time one_at_a_time
 served() { status > "$dir/served" && ! gone "$away" && grep -q published "$dir/served"; }
 check status-is-answered served
-given_up() { background --sets 0; says 0 'no background any more' && ended "$away" 1; }
+given_up() { background --sets 0; says 0 'the background is removed' && ended "$away" 1; }
 check and-it-can-be-ended given_up
 one() { background --sets 1; says 1 'sets should be 2 to'; }
 check one-set-is-none one

@@ -56,7 +56,7 @@ reread() { ctl bert reload-keys; says 0 ok; }
 check control-reads-keys-again reread
 untold() { ctl anna set solver.iterations 8; says 1 'refuses this key'; }
 check read-does-not-set untold
-ground() { run "$pyrovox" calibrate background --live --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --sets 0; says 0 'no background any more'; }
+ground() { run "$pyrovox" calibrate background --live --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --sets 0; says 0 'the background is removed'; }
 check background-with-a-key ground
 check reads volumes_for anna 1
 check control-reads-too volumes_for bert 1

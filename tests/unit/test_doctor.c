@@ -423,12 +423,12 @@ T_CASE(counters)
     good_host();
     put("/sys/class/net/cam0/statistics/rx_missed_errors", "12\n");
     put("/sys/class/net/cam0/statistics/rx_crc_errors", "4\n");
-    expect("net.missed", DOC_WARN, "12 packets lost in the card", "ethtool -G");
-    expect("net.crc", DOC_WARN, "4 packets that came damaged on cam0 since", "cable");
+    expect("net.missed", DOC_WARN, "12 packets lost in the network card", "ethtool -G");
+    expect("net.crc", DOC_WARN, "4 packets that arrived damaged on cam0 since", "cable");
     meanwhile = lose_now;
     put("/proc/net/snmp", SNMP("0", "5", "0"));
     put("/sys/class/net/cam0/statistics/rx_missed_errors", "12\n");
-    expect("net.missed", DOC_FAIL, "5 packets lost in the card", NULL);
+    expect("net.missed", DOC_FAIL, "5 packets lost in the network card", NULL);
     put("/proc/net/snmp", SNMP("0", "5", "0"));
     expect("net.rcvbuf", DOC_FAIL, "4 packets lost because a socket's buffer", "net.core.rmem_max");
     put("/sys/class/net/cam0/statistics/rx_dropped", "0\n");
@@ -783,7 +783,7 @@ T_CASE(disks)
     space = 1e9;
     expect("disk.space", DOC_FAIL, NULL, NULL);
     space = -1;
-    expect("disk.space", DOC_FAIL, "no such folder", "mkdir -p /data");
+    expect("disk.space", DOC_FAIL, "the folder does not exist", "mkdir -p /data");
     snprintf(doctor.load.record, sizeof doctor.load.record, "%s", dir);
     space = 4e12;
     host.disk_write = 4e6;

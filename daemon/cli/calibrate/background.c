@@ -97,7 +97,7 @@ static int background_live(const struct args *a)
     if (a->sets > 0)
         printf("background: the mean of %lld sets is subtracted from now on\n", (long long)a->sets);
     else
-        printf("no background any more\n");
+        printf("the background is removed\n");
     return 0;
 }
 
@@ -173,7 +173,7 @@ int calibrate_background(int argc, char **argv)
 {
     static const struct argp_option options[] = {
         {"live", OPT_LIVE, NULL, 0, "take it in the running daemon", 0},
-        {"sets", OPT_SETS, "N", 0, "with --live: the mean of so many sets (64; 0: none any more)",
+        {"sets", OPT_SETS, "N", 0, "with --live: the mean of so many sets (64; 0 removes it)",
          0},
         {"control", OPT_CONTROL, "ENDPOINT", 0, "the daemon's control socket", 0},
         {"key", OPT_KEY, "FILE", 0,
