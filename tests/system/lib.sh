@@ -35,7 +35,7 @@ says() { # code, text that must be there...
     done
 }
 wait_for() { # command...: until it succeeds
-    local end=$((SECONDS + patience))
+    local end=$((SECONDS + patience)) waiting=1
     until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
 }
 config() { # file [more keys of publish], then lines on standard input
@@ -52,12 +52,28 @@ start() { # log, command...: in the background; its id is $started
     pids+=("$started")
 }
 status() { "$pyrovox" status --endpoint "$control" --timeout "$patience" --json 2>/dev/null; }
-field() { # expression on the status s
-    status | "$py" -c 'import json, sys
-try: s = json.load(sys.stdin)
-except ValueError: sys.exit(1)
-try: sys.exit(0 if eval(sys.argv[1]) else 1)
-except (KeyError, IndexError): sys.exit(1)' "$1"
+field() { # expression on the status s; under wait_for one process asks for some seconds, as two a question cost more than the daemon
+    "$py" - "$control" "$1" "${waiting:+5}" <<'PY'
+import json, sys, time, zmq
+control, expression, some = sys.argv[1:]
+end = time.monotonic() + float(some or 600)
+socket = zmq.Context().socket(zmq.REQ)
+socket.linger = 0
+socket.connect(control)
+while True:
+    socket.send(b'{"cmd":"status"}')
+    if not socket.poll(max(1000 * (end - time.monotonic()), 0)):
+        sys.exit(1)
+    s = json.loads(socket.recv())
+    try:
+        if eval(expression):
+            sys.exit(0)
+    except (KeyError, IndexError):
+        pass
+    if not some or time.monotonic() > end:
+        sys.exit(1)
+    time.sleep(0.1)
+PY
 }
 says_soon() { # text, command...: it runs until it has said that, and ends with 0 when it is interrupted
     local text=$1; shift
