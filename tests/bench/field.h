@@ -40,7 +40,31 @@ static inline bool field_load(struct field *f, const char *path)
     return true;
 }
 
-static inline void field_at(const struct field *f, const double x[3], double out[3])
+/* Blocks of 8 x 8 x 8 of the cells between the voxels' centres: whether one of their corners is not 0. */
+static inline size_t field_block(const struct field *f, int i, int j, int k)
+{
+    size_t nx = (size_t)f->n[0] / 8 + 1, ny = (size_t)f->n[1] / 8 + 1;
+    return (((size_t)(k + 1) / 8) * ny + (size_t)(j + 1) / 8) * nx + (size_t)(i + 1) / 8;
+}
+static inline bool *field_blocks(const struct field *f)
+{
+    bool *lit = NULL;
+    if (f->at != NULL)
+        return NULL;
+    lit = calloc(field_block(f, f->n[0] - 1, f->n[1] - 1, f->n[2] - 1) + 1, sizeof *lit);
+    CHECK(lit != NULL ? PVX_OK : PVX_ENOMEM);
+    const float *v = f->v;
+    for (int k = 0; k < f->n[2]; k++)
+        for (int j = 0; j < f->n[1]; j++)
+            for (int i = 0; i < f->n[0]; i++, v += 3)
+                for (int c = 0; c < 8 && (v[0] != 0 || v[1] != 0 || v[2] != 0); c++)
+                    lit[field_block(f, i - (c & 1), j - (c >> 1 & 1), k - (c >> 2))] = true;
+    return lit;
+}
+
+/* lit: of field_blocks, or NULL. */
+static inline void field_at(const struct field *f, const bool *lit, const double x[3],
+                            double out[3])
 {
     int i[3];
     double t[3];
@@ -53,8 +77,23 @@ static inline void field_at(const struct field *f, const double x[3], double out
         double u = (x[a] - f->lo[a]) / (f->hi[a] - f->lo[a]) * f->n[a] - 0.5;
         if (!(u > -1 && u < f->n[a]))
             return;
-        i[a] = (int)floor(u);
+        i[a] = (int)u - (u < (int)u);
         t[a] = u - i[a];
+    }
+    if (lit != NULL && !lit[field_block(f, i[0], i[1], i[2])])
+        return;
+    if (i[0] >= 0 && i[1] >= 0 && i[2] >= 0 && i[0] + 1 < f->n[0] && i[1] + 1 < f->n[1] &&
+        i[2] + 1 < f->n[2]) { /* the same without looking where each corner is */
+        size_t row = 3 * (size_t)f->n[0], slice = row * (size_t)f->n[1];
+        const float *v = f->v + (size_t)i[2] * slice + (size_t)i[1] * row + (size_t)i[0] * 3;
+        for (int c = 0; c < 8; c += 2) {
+            const float *at = v + (c & 2 ? row : 0) + (c & 4 ? slice : 0);
+            double y = c & 2 ? t[1] : 1 - t[1], z = c & 4 ? t[2] : 1 - t[2];
+            double w[2] = {(1 - t[0]) * y * z, t[0] * y * z};
+            for (int ch = 0; ch < 3; ch++)
+                out[ch] = out[ch] + w[0] * at[ch] + w[1] * at[3 + ch];
+        }
+        return;
     }
     for (int c = 0; c < 8; c++) {
         double w = 1;
@@ -76,8 +115,8 @@ static inline void field_at(const struct field *f, const double x[3], double out
 }
 
 /* Integral along the part of the ray inside the field, times the transmission from there to its origin. */
-static inline void field_ray(const struct field *f, const double o[3], const double d[3],
-                             double out[3])
+static inline void field_ray(const struct field *f, const bool *lit, const double o[3],
+                             const double d[3], double out[3])
 {
     double s0 = 0, s1 = 1e9, cell = 1e9, depth = 0;
     out[0] = out[1] = out[2] = 0;
@@ -103,7 +142,7 @@ static inline void field_ray(const struct field *f, const double o[3], const dou
         double x[3], e[3];
         for (int a = 0; a < 3; a++)
             x[a] = o[a] + (s0 + (i + 0.5) * ds) * d[a];
-        field_at(f, x, e);
+        field_at(f, lit, x, e);
         double thick = f->absorb * (e[0] + e[1] + e[2]) / 3 * ds;
         double through = f->absorb > 0 ? exp(-depth - 0.5 * thick) : 1;
         for (int ch = 0; ch < 3; ch++)
@@ -114,6 +153,7 @@ static inline void field_ray(const struct field *f, const double o[3], const dou
 
 struct field_job {
     const struct field *f;
+    const bool *lit;
     const struct rec_camera *c;
     const struct rec_grid *g;
     float *out;
@@ -129,7 +169,7 @@ static inline void field_row(void *ctx, size_t y)
             if (!rec_camera_ray(j->c, x + (s % SUB + 0.5) / SUB - 0.5,
                                 (double)y + (s / SUB + 0.5) / SUB - 0.5, o, d))
                 continue;
-            field_ray(j->f, o, d, rgb);
+            field_ray(j->f, j->lit, o, d, rgb);
             for (int ch = 0; ch < 3; ch++)
                 j->out[(y * (size_t)j->c->width + (size_t)x) * 3 + (size_t)ch] +=
                     (float)(rgb[ch] / (SUB * SUB));
@@ -139,8 +179,10 @@ static inline void field_row(void *ctx, size_t y)
 /* What camera c sees, [h][w][3]: mean over 2 x 2 rays per pixel.  Owner: caller. */
 static inline float *field_image(const struct field *f, const struct rec_camera *c, pvx_pool *pool)
 {
-    struct field_job j = {f, c, NULL, must_floats((size_t)c->width * (size_t)c->height * 3)};
+    bool *lit = field_blocks(f);
+    struct field_job j = {f, lit, c, NULL, must_floats((size_t)c->width * (size_t)c->height * 3)};
     pvx_pool_run(pool, (size_t)c->height, field_row, &j);
+    free(lit);
     return j.out;
 }
 
@@ -158,7 +200,7 @@ static inline void field_slice(void *ctx, size_t k)
                              (s / m / m + 0.5) / m - 0.5};
             double x[3] = {c[0] + off[0] * rec_grid_h(g, 0), c[1] + off[1] * rec_grid_h(g, 1),
                            c[2] + off[2] * rec_grid_h(g, 2)};
-            field_at(j->f, x, e);
+            field_at(j->f, NULL, x, e);
             for (int ch = 0; ch < 3; ch++)
                 j->out[i * 3 + (size_t)ch] += (float)(e[ch] / (m * m * m));
         }
@@ -168,7 +210,7 @@ static inline void field_slice(void *ctx, size_t k)
 /* Truth on a grid, [nz][ny][nx][3]: mean over the cell (box) or value at its centre (trilinear). */
 static inline float *field_voxels(const struct field *f, const struct rec_grid *g, pvx_pool *pool)
 {
-    struct field_job j = {f, NULL, g, must_floats(rec_grid_count(g) * 3)};
+    struct field_job j = {f, NULL, NULL, g, must_floats(rec_grid_count(g) * 3)};
     pvx_pool_run(pool, (size_t)g->n[2], field_slice, &j);
     return j.out;
 }
