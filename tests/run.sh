@@ -3,14 +3,17 @@
 #   run.sh BUILD [--no-system] [FILTER]
 # Every program prints PASS/FAIL/SKIP lines.  A program that dies without one is a failure by itself.  The limits
 # end what hangs; no test comes near them on a machine however busy.
-# TEST_JOBS programs run at a time (two for each processor: many of them wait).  The longest are started first: system tests
-# that say "# offline" in their second line (they compute and need no camera), then other system tests.
+# Two lanes run beside each other.  Programs that compute have the lowest priority, TEST_JOBS at a time (one for each
+# processor).  Programs that mostly wait run twice as many at a time: system tests, except those that say "# offline", and
+# programs with cameras ($waits).  So the processors always have work, a camera gets one at once, and the daemon's checks
+# of the rig, which have the lowest priority too, get their share.
 set -u
 cd "$(dirname "$0")/.."
 b=$1; shift
 system=1; filter=
 for a in "$@"; do case $a in --no-system) system=0;; *) filter=$a;; esac; done
-jobs=${TEST_JOBS:-$(($(nproc) * 2))}
+jobs=${TEST_JOBS:-$(nproc)}
+waits='sim/test_(aravis|capture|cli_live|faults|gvcam|missing|pipeline|v4l2|view)'
 export PYROVOX_BUILD=$PWD/$b
 export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1} LSAN_OPTIONS=${LSAN_OPTIONS:-suppressions=$PWD/tests/lsan.supp:print_suppressions=0}
 export UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
@@ -40,38 +43,50 @@ one() { # number, name, timeout, command...
     echo "$p $f $s" > "$n.sums"
 }
 started=0
-queue() { # name, timeout, command...: as soon as there is room
-    [ -n "$filter" ] && [[ $1 != *"$filter"* ]] && return
-    while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n; done
+queue() { # lane, name, command...
+    [ -n "$filter" ] && [[ $2 != *"$filter"* ]] && return
     started=$((started + 1))
-    one "$(printf %04d $started)" "$@" &
+    { printf '%04d' $started; printf ' %q' "${@:2}"; echo; } >> "$notes/lane-$1"
+}
+lane() { # name, programs at a time, command that runs each
+    local n name command
+    [ -e "$notes/lane-$1" ] || return
+    while read -r n name command; do
+        while [ "$(jobs -rp | wc -l)" -ge "$2" ]; do wait -n; done
+        eval "one $n $name 3600 ${3:-} $command" &
+    done < "$notes/lane-$1"
+    wait
 }
 programs() { # folder
-    local t
+    local t l
     for t in "$b/tests/$1"/test_*; do
         [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
-        queue "${t#"$b"/tests/}" 3600 "$t"
+        l=computes; [[ $1/${t##*/} =~ ^$waits ]] && l=waits
+        queue $l "$1/${t##*/}" "$t"
     done
 }
 corpus() { # fuzz target
     local n=${1##*/fuzz_}
     mkdir "$notes/found-$n"
     [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$notes/found-$n"
-    queue "fuzz/$n" 3600 "$1" tests/fuzz/corpus/"$n" --once "$notes/found-$n"
+    queue computes "fuzz/$n" "$1" tests/fuzz/corpus/"$n" --once "$notes/found-$n"
 }
 longest() { # what, lines of seconds, processor seconds, name
     echo; echo "the 25 longest $1: seconds, of a processor:"
     sort -rn | head -n 25 | awk '{ s = $1; c = $2; sub(/^[^ ]+ [^ ]+ /, ""); printf "  %7.1f %7s  %s\n", s, c, $0 }'
 }
 if [ $system = 1 ]; then
-    offline=$(grep -l '^# offline' tests/system/[0-9]*.sh)
-    for t in $offline $(grep -L '^# offline' tests/system/[0-9]*.sh); do queue "system/$(basename "$t")" 3600 bash "$t"; done
+    for t in tests/system/[0-9]*.sh; do
+        l=waits; grep -q '^# offline' "$t" && l=computes
+        queue $l "system/$(basename "$t")" bash "$t"
+    done
 fi
 programs sim; programs unit; programs check
 for t in "$b"/tests/fuzz/fuzz_*; do
     [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
     corpus "$t"
 done
+lane waits $((2 * jobs)) & lane computes "$jobs" "nice -n 19" &
 wait
 cat "$notes"/*.log > "$log" 2> /dev/null
 cat "$notes"/*.spent 2> /dev/null | longest programs
