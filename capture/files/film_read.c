@@ -19,6 +19,7 @@
 
 #define FILM_THREADS 4
 #define FILM_WAITING 256 /* packets whose frames have not come: a decoder holds 16 to 32 */
+#define FILM_FAR     (INT64_MAX / 4) /* ns: 73 years, so that times may be subtracted */
 
 /* The first line of the log that is an error.  The decoder's threads write it. */
 struct film_said {
@@ -79,14 +80,6 @@ static PVX_PRINTF(3, 0) void film_log(void *about, int level, const char *format
     vsnprintf(said->text, sizeof said->text, format, args);
     said->text[strcspn(said->text, "\n")] = '\0';
     said->done = true;
-}
-
-static pvx_err film_times_missing(const char *path, int64_t frame, struct pvx_diag *d)
-{
-    return pvx_fail(d, PVX_EUNSUP,
-                    "%s: frame %lld has no time of presentation of its own (an AVI has none with "
-                    "B-frames); write the film again: ffmpeg -i IN -c:v ffv1 OUT.mkv",
-                    path, (long long)frame);
 }
 
 /* ---- the container ---- */
@@ -153,24 +146,26 @@ static int film_find_streams(AVFormatContext *file, uint64_t bytes)
     return e;
 }
 
+static pvx_err film_unreadable(const char *path, int code, struct pvx_diag *d)
+{
+    return pvx_fail(d, code == AVERROR(ENOMEM) ? PVX_ENOMEM : PVX_EFORMAT,
+                    "%s: not a film that can be read (%s); films are MP4, MOV, Matroska, AVI and "
+                    "animated PNG",
+                    path, av_err2str(code));
+}
+
 static pvx_err film_open_file(const char *path, uint64_t bytes, AVFormatContext **file,
                               AVStream **stream, struct pvx_diag *d)
 {
     *file = NULL;
     int e = film_open_container(path, file);
     if (e < 0)
-        return pvx_fail(d, e == AVERROR(ENOMEM) ? PVX_ENOMEM : PVX_EFORMAT,
-                        "%s: not a film that can be read (%s); films are MP4, MOV, Matroska, AVI "
-                        "and animated PNG",
-                        path, av_err2str(e));
+        return film_unreadable(path, e, d);
     PVX_TRY(film_choose(*file, path, stream, d));
     const AVCodecParameters *c = (*stream)->codecpar;
     PVX_TRY(cap_picture_fits((uint32_t)c->width, (uint32_t)c->height, bytes, path, d));
     e = film_find_streams(*file, bytes);
-    if (e < 0)
-        return pvx_fail(d, PVX_EFORMAT, "%s: not a film that can be read (%s)", path,
-                        av_err2str(e));
-    return cap_picture_fits((uint32_t)c->width, (uint32_t)c->height, bytes, path, d);
+    return e < 0 ? film_unreadable(path, e, d) : PVX_OK;
 }
 
 /* The next packet of the stream; AVERROR_EOF: there is none.  AVI has only times of decoding.  Where no frame waits for
@@ -195,9 +190,26 @@ static bool film_shows(const AVStream *stream, const AVPacket *p)
            (stream->codecpar->codec_id != AV_CODEC_ID_VP8 || (p->data[0] & 0x10) != 0);
 }
 
+/* Out of the range of 64 bits: INT64_MIN. */
 static int64_t film_ns(const AVStream *stream, int64_t pts)
 {
     return av_rescale_q(pts, stream->time_base, (AVRational){1, 1000000000});
+}
+
+static pvx_err film_check_time(const struct film *f, int64_t frame, int64_t pts, struct pvx_diag *d)
+{
+    int64_t ns = film_ns(f->stream, pts);
+    if (pts == AV_NOPTS_VALUE)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: frame %lld has no time of presentation of its own (an AVI has none "
+                        "with B-frames); write the film again: ffmpeg -i IN -c:v ffv1 OUT.mkv",
+                        f->path, (long long)frame);
+    if (ns > FILM_FAR || ns < -FILM_FAR)
+        return pvx_fail(d, PVX_ERANGE,
+                        "%s: frame %lld is shown at %.4g s, too far from 0; let the film begin "
+                        "there: ffmpeg -i IN -c:v ffv1 OUT.mkv",
+                        f->path, (long long)frame, (double)pts * av_q2d(f->stream->time_base));
+    return PVX_OK;
 }
 
 /* ---- all times ---- */
@@ -228,10 +240,10 @@ static pvx_err film_read_times(struct film *f, int64_t **t, size_t *n, struct pv
         bool shows = film_shows(f->stream, f->packet);
         int64_t pts = f->packet->pts;
         av_packet_unref(f->packet);
-        if (shows && pts == AV_NOPTS_VALUE)
-            return film_times_missing(f->path, (int64_t)*n, d);
-        if (shows)
+        if (shows) {
+            PVX_TRY(film_check_time(f, (int64_t)*n, pts, d));
             PVX_TRY(film_add_time(t, n, film_ns(f->stream, pts)));
+        }
     }
     f->frames = (int64_t)*n;
     if (e != AVERROR_EOF || f->said.begun)
@@ -266,8 +278,7 @@ static pvx_err film_times(const char *path, uint64_t bytes, int64_t **t_ns, size
 
 static pvx_err film_wait_for(struct film *f, int64_t pts, struct pvx_diag *d)
 {
-    if (pts == AV_NOPTS_VALUE)
-        return film_times_missing(f->path, f->frames, d);
+    PVX_TRY(film_check_time(f, f->frames, pts, d));
     if (f->n_waiting == FILM_WAITING)
         return film_damaged(f, AVERROR_INVALIDDATA, d);
     f->waiting[f->n_waiting++] = pts;
@@ -399,8 +410,10 @@ static pvx_err film_check_same(const struct film *f, struct pvx_diag *d)
 static pvx_err film_decode(struct film *f, struct pvx_diag *d)
 {
     int e;
-    while ((e = avcodec_receive_frame(f->codec, f->frame)) == AVERROR(EAGAIN))
-        PVX_TRY(film_feed(f, d));
+    while ((e = avcodec_receive_frame(f->codec, f->frame)) == AVERROR(EAGAIN) ||
+           (e >= 0 && (f->frame->flags & AV_FRAME_FLAG_DISCARD) != 0)) /* of some decoders */
+        if (e < 0)
+            PVX_TRY(film_feed(f, d));
     if (e == AVERROR_EOF)
         return f->n_waiting == 0 && !f->said.begun ? PVX_ECLOSED
                                                    : film_damaged(f, AVERROR_INVALIDDATA, d);
@@ -480,6 +493,7 @@ static pvx_err film_begin(struct film *f, uint64_t bytes, struct cap_video_info 
     if (e == PVX_ECLOSED)
         return pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", f->path);
     PVX_TRY(e);
+    PVX_TRY(cap_picture_fits((uint32_t)f->width, (uint32_t)f->height, bytes, f->path, d));
     PVX_TRY(film_pixels_of(f->path, f->frame, f->turned ? f->matrix : NULL, &f->pixels, d));
     f->pending = true;
     *info = (struct cap_video_info){.width = f->pixels.width,

@@ -395,6 +395,52 @@ T_CASE(times)
         times_are("late.mp4", " 7 8 9 10 11 12 13 14");
         times_are("late.mkv", " 7 8 10 11 13 14 15 16");
     }
+    /* an edit list that leaves out the first frame, which some decoders give nevertheless */
+    if (film("j%d.jpg", 3, "-q:v 2") &&
+        shell("ffmpeg -nostdin -v fatal -y -framerate 10 -i j%d.jpg -c copy -bsf:v "
+              "'setts=ts=TS-0.1/TB' -avoid_negative_ts disabled edit.mov"))
+        times_are("edit.mov", " 0 1");
+}
+
+/* Neither of 64 bits in ns, nor one that others could not subtract. */
+T_CASE(times_too_far)
+{
+    static const char *const late[] = {"9.2e9", "1e11"};
+    if (!film("f.mov", 1, "-c:v png"))
+        return;
+    for (int i = 0; i < 2; i++) {
+        struct pvx_diag d[2] = {{""}, {""}};
+        char line[256];
+        int64_t *t;
+        size_t n;
+        cap_video *v;
+        snprintf(line, sizeof line,
+                 "ffmpeg -nostdin -v fatal -y -i f.mov -c copy -copyts -bsf:v 'setts=ts=TS+%s/TB' "
+                 "far.mkv",
+                 late[i]);
+        if (!shell(line))
+            return;
+        T_EQ_I(cap_video_times(at("far.mkv"), &t, &n, &d[0]), PVX_ERANGE);
+        T_EQ_I(cap_video_open(at("far.mkv"), &v, NULL, &d[1]), PVX_ERANGE);
+        T_OK(t == NULL && n == 0 && v == NULL);
+        T_CONTAINS(d[0].text, "far.mkv: frame 0 is shown at");
+        T_EQ_S(d[0].text, d[1].text);
+    }
+}
+
+/* The first frame that is shown is wider than that of the film's head. */
+T_CASE(too_wide)
+{
+    struct pvx_diag d = {""};
+    cap_video *v;
+    if (!shell("for w in 16 20000; do ffmpeg -nostdin -v fatal -y -f lavfi -i "
+               "color=gray:size=${w}x16 -frames:v 1 -pix_fmt gray w$w.png; done && "
+               "ffmpeg -nostdin -v fatal -y -framerate 10 -pattern_type glob -i 'w*.png' -c copy "
+               "-bsf:v 'setts=ts=TS-0.1/TB' -avoid_negative_ts disabled wide.mov"))
+        return;
+    T_EQ_I(cap_video_open(at("wide.mov"), &v, NULL, &d), PVX_ERANGE);
+    T_OK(v == NULL);
+    T_CONTAINS(d.text, "wide.mov: says it has 20000x16 pixels");
 }
 
 /* How many frames come, and what is said then. */
