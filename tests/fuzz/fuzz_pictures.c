@@ -1,8 +1,8 @@
-/* fuzz_pictures.c - any bytes as a picture or a film in a file: refused with a line that names the file, or read, to the
- * size and depth that its head says, the same twice.
+/* fuzz_pictures.c - any bytes as a picture in a file: refused with a line that names the file, or read, to the size and
+ * depth that its head says, the same twice.
  *
- * What begins as PNG, AVI, MP4 or Matroska is a film too (a PNG: where it is animated).  Where the number of bytes is
- * odd the checksums of a PNG are made right, or libpng would look at nothing behind the first that changed. */
+ * Where the number of bytes is odd the checksums of a PNG are made right, or libpng would look at nothing behind the
+ * first that changed. */
 #include <fcntl.h>
 #include <malloc.h>
 #include <stdbool.h>
@@ -16,12 +16,11 @@
 
 #define SIDE_MAX 16384
 
-static char folder[] = "/dev/shm/fuzz_pictures-XXXXXX", picture[64], film[64];
+static char folder[] = "/dev/shm/fuzz_pictures-XXXXXX", picture[64];
 
 static void remove_all(void)
 {
     unlink(picture);
-    unlink(film);
     rmdir(folder);
 }
 
@@ -33,7 +32,6 @@ static void make(void)
     setenv("PYROVOX_LIBDIR", lib, 1);
     MUST(mkdtemp(folder) != NULL);
     snprintf(picture, sizeof picture, "%s/picture.png", folder);
-    snprintf(film, sizeof film, "%s/film.avi", folder);
     atexit(remove_all);
 }
 
@@ -61,13 +59,6 @@ static void make_right(uint8_t *p, size_t n)
         for (unsigned i = 0; i < 4; i++)
             p[at + 8 + size + i] = (uint8_t)(sum >> (24 - 8 * i));
     }
-}
-
-static bool is_film(const uint8_t *p, size_t n)
-{
-    return (is_png(p, n) && memmem(p, n, "acTL", 4) != NULL) ||
-           (n >= 12 && (memcmp(p, "RIFF", 4) == 0 || memcmp(p + 4, "ftyp", 4) == 0 ||
-                        memcmp(p, "\x1a\x45\xdf\xa3", 4) == 0));
 }
 
 static void said(pvx_err e, const struct pvx_diag *d, const char *path)
@@ -134,36 +125,6 @@ static void as_picture(const uint8_t *data, size_t size)
     cap_loaded_free(&l);
 }
 
-static void as_film(const uint8_t *data, size_t size)
-{
-    cap_video *v;
-    struct cap_video_info info;
-    struct cap_image img;
-    struct pvx_diag d = {""};
-    put(film, data, size);
-    pvx_err e = cap_video_open(film, &v, &info, &d);
-    if (e != PVX_OK) {
-        MUST(v == NULL);
-        said(e, &d, film);
-        return;
-    }
-    MUST(info.fps >= 0 && info.fps < 1e6);
-    unsigned sum = 0;
-    for (int k = 0; k < 8 && (e = cap_video_next(v, &img, NULL, &d)) == PVX_OK; k++) {
-        check(&img);
-        MUST(img.fmt == info.fmt && img.width == info.width && img.height == info.height);
-        for (size_t i = 0; i < img.size; i++)
-            sum += ((const uint8_t *)img.data)[i];
-        fuzz_taken++;
-    }
-    if (e != PVX_OK && e != PVX_ECLOSED)
-        said(e, &d, film);
-    static volatile unsigned keep;
-    keep = sum;
-    (void)keep;
-    cap_video_close(&v);
-}
-
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     if (picture[0] == '\0')
@@ -174,8 +135,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (size % 2 == 1 && is_png(copy, size))
         make_right(copy, size);
     as_picture(copy, size);
-    if (is_film(copy, size))
-        as_film(copy, size);
     free(copy);
     return 0;
 }
