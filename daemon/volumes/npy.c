@@ -141,6 +141,16 @@ static void npy_whole(cJSON *o, const char *key, uint64_t v)
     cJSON_AddRawToObject(o, key, text);
 }
 
+void vol_npy_put_gap(cJSON *list, const struct vol_gap *g)
+{
+    cJSON *one = cJSON_CreateObject();
+    cJSON_AddStringToObject(one, "why", vol_gap_names[g->why]);
+    npy_whole(one, "set_first", g->set_first);
+    npy_whole(one, "set_last", g->set_last);
+    npy_whole(one, "volumes", g->volumes);
+    cJSON_AddItemToArray(list, one);
+}
+
 static char *list_text(const struct out *w, bool closed)
 {
     const struct pvp_start *s = &w->start;
@@ -153,15 +163,8 @@ static char *list_text(const struct out *w, bool closed)
     cJSON_AddNumberToObject(o, "fps", s->fps);
     cJSON_AddNumberToObject(o, "n_cameras", s->n_cameras);
     cJSON_AddBoolToObject(o, "closed", closed);
-    for (uint64_t k = 0; k < w->gaps.n; k++) {
-        const struct vol_gap *g = &w->gaps.gap[k];
-        cJSON *one = cJSON_CreateObject();
-        cJSON_AddStringToObject(one, "why", vol_gap_names[g->why]);
-        npy_whole(one, "set_first", g->set_first);
-        npy_whole(one, "set_last", g->set_last);
-        npy_whole(one, "volumes", g->volumes);
-        cJSON_AddItemToArray(list, one);
-    }
+    for (uint64_t k = 0; k < w->gaps.n; k++)
+        vol_npy_put_gap(list, &w->gaps.gap[k]);
     cJSON_AddItemToObject(o, "gaps", list);
     char *text = cJSON_Print(o);
     cJSON_Delete(o);

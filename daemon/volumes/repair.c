@@ -84,10 +84,11 @@ static pvx_err repair_look_at_all(const struct folder *f, const struct pvp_grid 
     return PVX_OK;
 }
 
-static pvx_err close_npy(const char *dir, struct pvx_diag *d)
+static pvx_err close_npy(const char *dir, const vol_reader *r, struct pvx_diag *d)
 {
     char path[PATH_MAX], *text;
     size_t len;
+    const struct vol_gap *g;
     snprintf(path, sizeof path, "%s/recording.json", dir);
     if (access(path, F_OK) != 0)
         return PVX_OK; /* of `pyrovox reconstruct`, or of an earlier version */
@@ -97,6 +98,11 @@ static pvx_err close_npy(const char *dir, struct pvx_diag *d)
     while (cJSON_HasObjectItem(o, "closed")) /* whatever their case is, and however many */
         cJSON_DeleteItemFromObject(o, "closed");
     cJSON_AddBoolToObject(o, "closed", true);
+    cJSON *gaps = cJSON_CreateArray(); /* anew, as cJSON's own numbers are doubles */
+    for (uint64_t k = 0; (g = vol_reader_gap(r, k)) != NULL; k++)
+        vol_npy_put_gap(gaps, g);
+    if (!cJSON_ReplaceItemInObjectCaseSensitive(o, "gaps", gaps))
+        cJSON_Delete(gaps);
     text = cJSON_IsObject(o) ? cJSON_Print(o) : NULL;
     cJSON_Delete(o);
     if (text == NULL)
@@ -139,7 +145,7 @@ static pvx_err repair(struct folder *f, const vol_reader *r, uint64_t *good, uin
     if (!*done)
         return PVX_OK;
     PVX_TRY(repair_list(f, d)); /* without those that were put aside */
-    return f->format == VOL_NPY ? close_npy(f->dir, d) : list_numbered(f, vol_reader_head(r), d);
+    return f->format == VOL_NPY ? close_npy(f->dir, r, d) : list_numbered(f, vol_reader_head(r), d);
 }
 
 pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *done,

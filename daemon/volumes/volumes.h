@@ -127,6 +127,9 @@ struct vol_reader_ops {
     const struct vol_gap *(*gap)(const void *self, uint64_t k);
     void (*close)(void *self);
 };
+struct cJSON;
+/* Add a gap to the list in recording.json, with all digits of its numbers. */
+void vol_npy_put_gap(struct cJSON *list, const struct vol_gap *g);
 extern const struct vol_writer_ops vol_npy_writer, vol_hdf5_writer, vol_vdb_writer, vol_nvdb_writer;
 extern const struct vol_reader_ops vol_npy_reader, vol_hdf5_reader, vol_joined_reader,
     vol_vdb_reader, vol_nvdb_reader;

@@ -310,6 +310,14 @@ T_CASE(large_frame_numbers)
                    " --out vlast --quiet --first 1000001"),
            0);
     T_LE(volume_error("vlast/1000001.npy", 2, REC_BOX), 0.25);
+    for (size_t c = 0; c + 1 < CAMERAS; c++)
+        T_EQ_I(rename(at("far/cam%zu/1000001.npy", c), at("far/cam%zu/1700000000123456789.npy", c)),
+               0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames far " EIGHT
+                   " --out vtime --quiet --first 1700000000123456789 --save-report time.json"),
+           0);
+    T_LE(volume_error("vtime/1700000000123456789.npy", 2, REC_BOX), 0.25);
+    T_CONTAINS(slurp("time.json"), "1700000000123456789");
 }
 
 /* Numbers of a clock, beyond 32 bits and apart by jitter; names in capitals; hidden files. */

@@ -245,6 +245,8 @@ T_CASE(folder_of_npy_is_repaired)
     vol_writer *w = begin(VOL_NPY, at("npy"), &s);
     for (uint64_t k = 1; k <= 4; k++)
         put(w, &s, k, 0.3);
+    const struct vol_gap far = {VOL_GAP_QUEUE, 1700000000123456789, 1700000000123456790, 2};
+    T_EQ_I(vol_writer_gap(w, &far, &d), PVX_OK);
     copy(at("npy/recording.json"), at("open.json"), -1);
     finish(w);
     T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
@@ -270,6 +272,13 @@ T_CASE(folder_of_npy_is_repaired)
     T_EQ_S(d.text, "");
     T_OK(done && good == 3 && bad == 1 && access(at("npy/000004.npy.cut-off"), F_OK) == 0);
     T_EQ_I(whole(at("npy"), &s, 0.3), 3);
+    vol_reader *again;
+    T_EQ_I(vol_reader_open(at("npy"), &again, &d), PVX_OK);
+    const struct vol_gap *g = vol_reader_gap(again, 0);
+    T_OK(!vol_reader_cut(again) && g != NULL && g->why == VOL_GAP_QUEUE);
+    T_OK(g->set_first == far.set_first && g->set_last == far.set_last && g->volumes == 2);
+    T_OK(vol_reader_gap(again, 1) == NULL);
+    vol_reader_close(&again);
     T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
     T_OK(!done && good == 3 && bad == 0);
     T_EQ_I(vol_repair_folder(at("npy/000001.npy"), &good, &bad, &done, &d), PVX_EINVAL);

@@ -67,7 +67,9 @@ static bool reconstruct_has(const struct dmn_slot *s, size_t c)
 static void report_frame(const struct job *j, const struct dmn_slot *s)
 {
     cJSON *o = cJSON_CreateObject();
-    cJSON_AddNumberToObject(o, "frame", (double)s->set);
+    char number[24]; /* as text: it may be a time, for which a double is too short */
+    snprintf(number, sizeof number, "%llu", (unsigned long long)s->set);
+    cJSON_AddRawToObject(o, "frame", number);
     dmn_report_to_json(o, rec_frame_get_report(s->frame));
     dmn_verdict_json(o, &rec_frame_get_report(s->frame)->vote, &j->rig);
     if (s->why != DMN_N_DROP)
