@@ -691,6 +691,16 @@ T_CASE(animations)
         {"render --rig rig.yaml --camera cam1 --size 4x4 vol x", "has its own", 2},
     };
     CLI_CASES("", wrong);
+    /* whose box was lost */
+    T_EQ_I(rename(at("vol/000001.json"), at("box.json")), 0);
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 vol x"), 1);
+    T_CONTAINS(slurp("err"), "vol/000001.npy: has no .json with its box, as vol/000000.npy has");
+    T_EQ_I(pyrovox("render --angle 4 vol/000001.npy x.png"), 1);
+    T_CONTAINS(slurp("err"), "vol/000001.npy: has no .json");
+    T_EQ_I(rename(at("box.json"), at("vol/000001.json")), 0);
+    T_EQ_I(symlink(at("vol/000001.npy"), at("alone.npy")), 0);
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 alone.npy x.npy"), 0);
+    T_LE(image_difference("x.npy", "movie/000001.npy"), 1e-6);
 }
 
 T_CASE(wrong_use)

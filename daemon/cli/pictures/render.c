@@ -1,9 +1,11 @@
 /* render.c - `pyrovox render`: views of volumes from a camera of the rig, any place, or a turntable.
  * Writes one picture, or many (movie.h). */
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "base/mem.h"
 #include "capture/files/imgio.h"
@@ -58,6 +60,36 @@ static pvx_err render_add_folder(struct sources *s, const char *dir, struct pvx_
     return e;
 }
 
+/* Whether the volume DIR/NAME.npy is described by its .json. */
+static bool render_described(const char *dir, const char *name)
+{
+    char json[PATH_MAX];
+    int n = snprintf(json, sizeof json, "%s%.*s.json", dir, (int)strlen(name) - 4, name);
+    return n < (int)sizeof json && access(json, F_OK) == 0;
+}
+
+/* Refuse a volume without .json beside others that have one: its box was lost, and the rig's may be another. */
+static pvx_err render_check(const char *path, struct pvx_diag *d)
+{
+    char dir[PATH_MAX];
+    const char *slash = strrchr(path, '/');
+    struct vol_folder f;
+    pvx_err e = PVX_OK;
+    if (render_described("", path) || access(path, F_OK) != 0)
+        return PVX_OK;
+    snprintf(dir, sizeof dir, "%.*s", slash != NULL ? (int)(slash + 1 - path) : 2,
+             slash != NULL ? path : "./");
+    bool listed = vol_folder_list(dir, ".npy", &f, NULL) == PVX_OK;
+    for (size_t i = 0; listed && i < f.n && e == PVX_OK; i++)
+        if (render_described(dir, f.name[i]))
+            e = pvx_fail(d, PVX_ENOENT,
+                         "%s: has no .json with its box, as %s%s has; bring the .json back, or "
+                         "move the .npy to a folder of its own, where the rig's box is its box",
+                         path, dir, f.name[i]);
+    vol_folder_free(&f);
+    return e;
+}
+
 static pvx_err find_sources(const struct render_options *o, struct sources *s, struct pvx_diag *d)
 {
     for (int i = 0; i < o->n_sources; i++) {
@@ -71,6 +103,8 @@ static pvx_err find_sources(const struct render_options *o, struct sources *s, s
         if (e != PVX_OK)
             return e;
     }
+    for (size_t i = 0; i < s->n; i++)
+        PVX_TRY(render_check(s->path[i], d));
     return PVX_OK;
 }
 

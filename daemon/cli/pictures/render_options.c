@@ -228,6 +228,7 @@ void render_parse(int argc, char **argv, struct render_options *o)
         .doc = "Render views of reconstructed volumes by forward projection, for example\n\n"
                "  pyrovox render --orbit 120 vol movie"
                "\vBox and basis come from the .json beside each .npy, or else from the rig. A .npy "
+               "without .json beside others that have one is refused. A .npy "
                "picture is float32 [h][w][channels]: linear, unclipped, in the units of the input "
                "images. --exposure, --tone and --gamma change only .png pictures and films. The "
                "rays of "
