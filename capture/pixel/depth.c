@@ -1,5 +1,7 @@
 #include "capture/pixel/depth.h"
 
+#include <stdio.h>
+
 typedef uint16_t depth_word __attribute__((aligned(1), may_alias));
 
 static unsigned depth_greatest(const depth_word *p, size_t n)
@@ -45,8 +47,19 @@ void cap_depth_join(struct cap_depth *d, const struct cap_depth *more)
 
 int cap_depth_bits(const struct cap_depth *d, uint64_t least)
 {
-    for (int bits = 10; bits < 16 && d->n >= least; bits += 2)
+    for (int bits = 10; bits < 16 && d->n >= least; bits++)
         if (d->top == (1u << bits) - 1)
             return bits;
     return 0;
+}
+
+const char *cap_depth_remedy(enum cap_pixfmt fmt, int bits, const char *option, char room[120])
+{
+    enum cap_pixfmt as = cap_pixfmt_of_depth(fmt, bits);
+    if (as != CAP_FMT_NONE)
+        snprintf(room, 120, "%s%s makes that full scale", option, cap_pixfmt_name(as));
+    else
+        snprintf(room, 120, "no format has %d bits: multiply the samples by 65535/%d", bits,
+                 (1 << bits) - 1);
+    return room;
 }

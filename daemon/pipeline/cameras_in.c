@@ -93,14 +93,15 @@ static void cameras_in_bits(struct dmn_cameras_in *in, size_t c, enum cap_pixfmt
 {
     const char *name = in->rig->cameras[c].name;
     int bits = dmn_images_bits(in->images, c), most = (1 << bits) - 1;
+    char room[120];
     if (bits == in->said[c].bits || bits == 0)
         return;
     in->said[c].bits = bits;
     LOG_ABOUT(PVX_LOG_WARN, DAEMON, ABOUT(.cause = "depth", .camera = name),
               "camera %s: samples of its %s images go up to %d and stop there: these are %d bits, "
-              "saturated at %d; pixel_format: %s makes that full scale",
+              "saturated at %d; %s",
               name, cap_pixfmt_name(fmt), most, bits, most,
-              cap_pixfmt_name(cap_pixfmt_of_depth(fmt, bits)));
+              cap_depth_remedy(fmt, bits, "pixel_format: ", room));
 }
 
 /* Bin the set's images into the slot. */

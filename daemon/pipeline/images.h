@@ -1,6 +1,6 @@
 /* images.h - the raw images of one set become binned pixels.
  *
- * Pictures of 16 bits whose samples all end at 10, 12 or 14 bits are saturated there (depth.h).  Pictures of a format
+ * Pictures of 16 bits whose samples all end at 10 to 15 bits are saturated there (depth.h).  Pictures of a format
  * of 10, 12 or 14 bits with samples above are not used.
  * A grey picture has no colour, so beside pictures with colour it is not used (`alike`).  A picture without a finite
  * bin is not used either.

@@ -898,8 +898,8 @@ T_CASE(fewer_bits_than_the_file)
                    " --out x --quiet --save-report report.json"),
            0);
     T_CONTAINS(slurp("err"), "bright: samples of cam0");
-    T_CONTAINS(text, "go up to 4095 and stop there: these are 12 bits in 16, saturated at 4095. "
-                     "--pixel-format RGB12");
+    T_CONTAINS(text, "go up to 4095 and stop there: these are 12 bits in 16, saturated at 4095; "
+                     "--pixel-format RGB12 makes that full scale");
     double bright = reported("saturated");
     T_OK(bright > 100);
     static const char *const same[] = {"bright " EIGHT " --pixel-format RGB12", "upper " EIGHT};

@@ -25,15 +25,16 @@ static void advise_line(const char *term, const char *verdict)
 static void advise_say_light(const struct flame_sets *s, const struct advice *a)
 {
     int bits = cap_depth_bits(&s->depth, 1);
+    const enum cap_pixfmt fmt = s->nch == 3 ? CAP_RGB16 : CAP_GREY16;
+    char room[120];
     const char *exposure = advise_exposure(s, a);
     advise_line("exposure", exposure);
     printf("the brightest pixel is at %.0f %% of full scale, noise at %.2f %%\n",
            100 * a->brightest, 100 * a->sigma);
     unsigned top = s->depth.top;
     if (bits > 0)
-        printf("%-23s these are %d bits in 16, saturated at %u: measure again with --pixel-format "
-               "Mono%d (colour: RGB%d)\n",
-               "", bits, top, bits, bits);
+        printf("%-23s these are %d bits in 16, saturated at %u; %s; measure again with it\n", "",
+               bits, top, cap_depth_remedy(fmt, bits, "--pixel-format ", room));
     else if (exposure[0] == 'r' && top > 0 && top < 1u << 12)
         printf("%-23s no sample is above %u: if the cameras have %d bits, measure again with "
                "--pixel-format Mono%d (colour: RGB%d) first\n",

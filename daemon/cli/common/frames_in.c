@@ -286,7 +286,7 @@ static void frames_in_say_bits(const struct frames_in *f, uint64_t which, int bi
                                enum cap_pixfmt fmt)
 {
     static bool said;
-    char names[200] = "";
+    char names[200] = "", room[120];
     for (size_t c = 0; c < f->rig->n_cameras && !said; c++)
         if (which >> c & 1 && strlen(names) + REC_NAME_MAX < sizeof names)
             snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
@@ -294,9 +294,9 @@ static void frames_in_say_bits(const struct frames_in *f, uint64_t which, int bi
     if (!said)
         fprintf(stderr,
                 "pyrovox: %s: samples of %s go up to %d and stop there: these are %d bits in 16, "
-                "saturated at %d. --pixel-format %s reads them, so that this is full scale\n",
+                "saturated at %d; %s\n",
                 f->dir, names, (1 << bits) - 1, bits, (1 << bits) - 1,
-                cap_pixfmt_name(cap_pixfmt_of_depth(fmt, bits)));
+                cap_depth_remedy(fmt, bits, "--pixel-format ", room));
     said = true;
 }
 
@@ -605,7 +605,7 @@ static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
     f->seen = seen;
     pvx_pool_run(f->pool, f->rig->n_cameras, look_piece, f);
     f->seen = NULL;
-    for (int bits = 10; bits <= 14; bits += 2) {
+    for (int bits = 10; bits < 16; bits++) {
         uint64_t which = 0;
         enum cap_pixfmt fmt = CAP_FMT_NONE;
         for (size_t c = 0; c < f->rig->n_cameras; c++)
