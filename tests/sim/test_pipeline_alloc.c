@@ -94,20 +94,35 @@ static int find_libraries(struct dl_phdr_info *info, size_t size, void *ctx)
     return 0;
 }
 
+static uint64_t cameras_lost(void)
+{
+    uint64_t n = 0;
+    for (int c = 0; c < 4; c++)
+        n += state.capture.camera[c].count[CAP_LOST_CAMERA];
+    return n;
+}
+
 T_CASE(nothing_is_allocated)
 {
     make_rig(4, 64, 48, 16);
     bed_publish = "compress: lz4";
-    dmn_live *p = started("cameras: \"sim:\"\nfps: 250\nsolver: {warm_start: on}\n");
+    dmn_live *p = started("cameras: \"sim:\"\nfps: 60\nsolver: {warm_start: on}\n");
     /* cameras are open, the watch has its matrix, first use of everything is over */
     LOOK_UNTIL(p, state.published >= 50 && state.rig[3].looks > 0 && state.checks.n > 0);
-    uint64_t checks = state.checks.n;
     dl_iterate_phdr(find_libraries, NULL);
     T_OK(n_apart >= 2);
-    uint64_t before = state.published;
-    atomic_store(&counting, 1);
-    LOOK_UNTIL(p, state.published >= before + SETS && state.checks.n > checks);
-    atomic_store(&counting, 0);
+    /* A machine so busy that a camera counts as lost opens it anew, and that allocates: then again. */
+    uint64_t lost;
+    do {
+        uint64_t checks = state.checks.n, before = state.published;
+        lost = cameras_lost();
+        atomic_store(&allocations, 0);
+        atomic_store(&frees, 0);
+        atomic_store(&first_caller, 0);
+        atomic_store(&counting, 1);
+        LOOK_UNTIL(p, state.published >= before + SETS && state.checks.n > checks);
+        atomic_store(&counting, 0);
+    } while (cameras_lost() != lost && t_case_fails == 0);
     T_EQ_I(atomic_load(&allocations), 0);
     T_EQ_I(atomic_load(&frees), 0);
     T_OK(atomic_load(&theirs) > 0); /* or the interposition does not work */
