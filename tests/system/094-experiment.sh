@@ -7,7 +7,7 @@ experiment() { # more options...
     run "$pyrovox" experiment take --rig rig.yaml --black 0.02 --grids 16,24 --grid 24 "$@"
 }
 recording() {
-    run "$pyrovox" simcams --cameras 5 --size 160x120 --ring 4 --voxels 24 --write-rig rig.yaml --write-frames take
+    run "$pyrovox" simcams --cameras 5 --size 96x72 --ring 4 --voxels 24 --write-rig rig.yaml --write-frames take
     says 0 '4 frame sets in take'
 }
 stops() { # after some measurements, while others wait
