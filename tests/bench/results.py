@@ -131,28 +131,6 @@ section("In shared memory", "share", "One core, from the message (f16, LZ4) to N
                   r["both p99 ms"], r["bound ms"], r["make over bound"]] for r in table("share")])
 
 
-section("Recording volumes, live", "record", "HDF5, 128^3 in three colours at 20 sets/s through the recorder's queue. Wanted: no gap. *ms*: from a "
-        "set's arrival to its last byte in the file. *of one core*: processor time, receiving included. *bound*: "
-        "the same bytes written to the disk, or compressed by zlib on all cores. *file*: size over raw RGB8 "
-        "frames of 8 cameras, and over dense floats",
-        ["flame", "lit", "sets", "gaps", "ms", "99 %", "bound ms", "queue", "of one core", "MB a set", "of 8x320x240", "of 8x640x480",
-         "of dense"],
-        lambda: [[r["flame"], "%.0f %%" % (100 * float(r["lit share"])), r["sets"], r["gaps"], r["ms p50"], r["ms p99"], r["bound ms"],
-                  r["queue MB"] + " MB", "%.0f %%" % (2000 * float(r["cpu s"])), r["set MB"], r["of raw 320"], r["of raw 640"],
-                  r["of dense"]] for r in table("record")])
-section("Recording volumes, as fast as it goes", "record_rate", "Wanted of VDB on one core: 40 volumes/s at 64^3, 15 at 128^3. *bound*: the same bytes written to the "
-        "disk, one file a volume but for HDF5. For HDF5 it is zlib's time if that is longer",
-        ["flame", "voxels", "format", "cores", "volumes/s", "ms", "99 %", "bound ms", "processor ms", "MB"],
-        lambda: [[r["flame"], r["voxels"] + "^3", r["format"], r["cores"], r["sets/s"], r["ms"], r["ms p99"], r["bound ms"], r["cpu ms"],
-                  r["set MB"]] for r in table("record_rate")])
-
-section("Large grids", "large", "Recordings of a few sets: the whole matrix, and its active part (the same bits). *s*: all time, "
-        "silhouettes and matrix included. *planned*: by `reconstruct --plan`. *GB*: the most at any time, and the "
-        "value that was announced before. *sets/s*: from pixels to volume",
-        ["grid", "pictures", "matrix", "sets", "active", "s", "processors, s", "planned, s", "GB", "said", "sets/s"],
-        lambda: [[r["voxels"] + "^3", r["cameras"] + " x " + r["width"] + "x" + r["height"], r["matrix"], r["sets"], r["active"] + " %", r["s"],
-                  r["cpu s"], r["planned s"], r["GB"], r["said GB"], r["sets/s"]] for r in table("large")])
-
 say("", "## Live", "", "Simulated GigE cameras, daemon and subscriber on the same processors (`live.sh`).", "")
 live = folder / "live.md"
 say(live.read_text().strip() if live.exists() else "Not run.")

@@ -59,15 +59,6 @@ static inline struct volume volume_ring(int side, double t)
     return volume_of(&g, truth);
 }
 
-/* One of the flames that are functions. */
-static inline struct volume volume_function(int side, enum flame_kind kind, pvx_pool *pool)
-{
-    struct rec_grid g = volume_box(side);
-    g.basis = REC_TRILINEAR;
-    struct field f = {.at = flames[kind].at};
-    return volume_of(&g, field_voxels(&f, &g, pool));
-}
-
 /* What the default solver makes of eight pictures of 8 bits: the hull's voxels, its noise, its zeros. */
 static inline struct volume volume_solved(enum flame_kind kind, const int32_t size[3],
                                           pvx_pool *pool)
