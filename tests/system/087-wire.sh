@@ -1,10 +1,10 @@
 #!/bin/bash
 # What a daemon says beside its volumes: the rig to newcomers, events, previews on an endpoint of their own, which are
-# made while somebody looks; a reader of protocol 1.0 reads it all and misses nothing.
+# made while somebody looks.
 name=087
 . "$(dirname "$0")/lib.sh"
 "$py" -c 'import numpy, zmq' 2>/dev/null || { echo "no python3 with numpy and zmq"; exit 77; }
-export PYTHONPATH=proto/clients:tests/lib
+export PYTHONPATH=proto/clients
 config a.yaml << E2
 cameras: "sim:"
 fps: 20
@@ -59,21 +59,6 @@ n=$(made); # one may have been asked for
 m=$(sets); wait_for published $((m + 20))
 check and-no-more-are-made [ "$(made)" -le $((n + 1)) ]
 
-old() { # the reader of 1.0, as it was
-    "$py" -u - "$volumes" <<'PY'
-import sys
-import pyrovox_sub_1_0 as pvx
-n = 0
-with pvx.Subscriber(sys.argv[1], 120000) as sub:
-    for m in sub:
-        n += m["type"] == "volume"
-        if m["type"] == "end":
-            break
-print(f"{n} volumes, {sub.lost} lost, {sub.malformed} malformed, {sub.received} messages")
-PY
-}
-start old.log old
-old=$started
 start heard.log listen
 check hears-the-rig wait_for heard '^rig '
 check rig-after-start [ "$(head -n 1 "$dir/heard.log" | cut -d ' ' -f 1)" = start ]
@@ -83,8 +68,6 @@ check recording-begun wait_for heard "^event .*'recording_begun', 'path': '$dir/
 check recording-ended wait_for heard "^event .*'recording_ended'"
 kill -TERM "$daemon"
 check ends ended "$daemon" 0
-wait "$old"
-check reads-as-1.0 grep -q ' volumes, 0 lost, 0 malformed' "$dir/old.log"
 # more sets than can be solved: what was dropped is told, and how many in all
 config b.yaml <<< $'cameras: "sim:"\nfps: 1000\nthreads: 1'
 start b.log "$pyrovoxd" --config "$dir/b.yaml"
