@@ -82,7 +82,6 @@ include systemd/packages.mk daemon/modules.mk tests/programs.mk
 
 .PHONY: all built help run clean
 .DELETE_ON_ERROR:
-.SECONDARY:
 
 # What is built hangs on the packages that are there.  So make begins anew when it has installed some.
 ifneq ($(filter all install sbom check-layers,$(or $(MAKECMDGOALS),all)),)

@@ -17,6 +17,9 @@ tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit
 # gold links in a third of the time, and these are 200 programs.
 GOLD := $(if $(shell command -v ld.gold),-fuse-ld=gold)
 $(B)/tests/%: LDFLAGS += $(GOLD)
+# make keeps their objects.  Those of the rooms are named as prerequisites: a new file is compiled, however old it is.
+.SECONDARY: $(addsuffix .o,$(UNIT) $(VM) $(FUZZ) $(BENCH) \
+  $(addprefix $(B)/tests/,bench/record fit/fit power/power stability/stability))
 $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
@@ -39,7 +42,7 @@ $(B)/tests/soak/soak: $(SOAK)
 $(B)/tests/power/shim.so: $(B)/tests/power/shim.o
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) -o $@ $< -ldl
-$(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/tests/unit/test_usbip: $(VM_UVC)
+$(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
 FUZZ_MAIN := $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o)
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(FUZZ_MAIN) $(LIBS)
