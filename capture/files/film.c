@@ -1,6 +1,5 @@
 #include "capture/files/film.h"
 
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,27 +11,21 @@
 #include "base/module.h"
 #include "capture/files/picture.h"
 
-/* The module is found and loaded once, never unloaded. */
-static struct {
-    pthread_once_t once;
-    const struct cap_films *is;
-    char why[PVX_DIAG_MAX]; /* why it could not be loaded */
-} films = {.once = PTHREAD_ONCE_INIT};
+static struct pvx_module module = {
+    .file = "pyrovox-films.so", .entry = "cap_films_module", .version = CAP_FILMS_VERSION};
 
-static void film_find_module(void)
+static const struct cap_films *films(void)
 {
-    films.is = pvx_module_load("pyrovox-films.so", "cap_films_module", CAP_FILMS_VERSION, films.why,
-                               sizeof films.why);
+    return module.is;
 }
 
 static pvx_err film_need_module(const char *path, struct pvx_diag *d)
 {
-    pthread_once(&films.once, film_find_module);
-    if (films.is != NULL)
+    if (pvx_module(&module) != NULL)
         return PVX_OK;
     return pvx_fail(d, PVX_EUNSUP,
                     "%s: the module of films cannot be loaded: %.500s; pictures work without", path,
-                    films.why);
+                    module.why);
 }
 
 /* ---- films ---- */
@@ -114,7 +107,7 @@ pvx_err cap_video_open(const char *path, cap_video **out, struct cap_video_info 
     cap_video *v = pvx_calloc(1, sizeof *v);
     if (v == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a film", path);
-    pvx_err e = films.is->open(path, bytes, &v->film, info != NULL ? info : &unused, d);
+    pvx_err e = films()->open(path, bytes, &v->film, info != NULL ? info : &unused, d);
     if (e != PVX_OK)
         cap_video_close(&v);
     *out = v;
@@ -123,7 +116,7 @@ pvx_err cap_video_open(const char *path, cap_video **out, struct cap_video_info 
 
 pvx_err cap_video_next(cap_video *v, struct cap_image *img, int64_t *t_ns, struct pvx_diag *d)
 {
-    return films.is->next(v->film, img, t_ns, d);
+    return films()->next(v->film, img, t_ns, d);
 }
 
 pvx_err cap_video_times(const char *path, int64_t **t_ns, size_t *n, struct pvx_diag *d)
@@ -132,14 +125,14 @@ pvx_err cap_video_times(const char *path, int64_t **t_ns, size_t *n, struct pvx_
     *t_ns = NULL;
     *n = 0;
     PVX_TRY(film_check_file(path, &bytes, d));
-    return films.is->times(path, bytes, t_ns, n, d);
+    return films()->times(path, bytes, t_ns, n, d);
 }
 
 void cap_video_close(cap_video **v)
 {
     if (*v == NULL)
         return;
-    films.is->close((*v)->film);
+    films()->close((*v)->film);
     PVX_FREE(*v);
 }
 
@@ -163,7 +156,7 @@ pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
         free(a);
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the animation", path);
     }
-    pvx_err e = films.is->apng_begin(a->path, w, h, nch, fps, &a->is, d);
+    pvx_err e = films()->apng_begin(a->path, w, h, nch, fps, &a->is, d);
     if (e != PVX_OK)
         cap_apng_drop(&a);
     *out = a;
@@ -172,14 +165,14 @@ pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
 
 pvx_err cap_apng_add(cap_apng *a, const uint8_t *samples, struct pvx_diag *d)
 {
-    return films.is->apng_add(a->is, samples, d);
+    return films()->apng_add(a->is, samples, d);
 }
 
 pvx_err cap_apng_end(cap_apng **a, struct pvx_diag *d)
 {
     void *bytes;
     size_t len;
-    pvx_err e = films.is->apng_end((*a)->is, &bytes, &len, d);
+    pvx_err e = films()->apng_end((*a)->is, &bytes, &len, d);
     (*a)->is = NULL;
     if (e == PVX_OK)
         e = pvx_file_write((*a)->path, bytes, len, d);
@@ -192,7 +185,7 @@ void cap_apng_drop(cap_apng **a)
 {
     if (*a == NULL)
         return;
-    films.is->apng_drop((*a)->is);
+    films()->apng_drop((*a)->is);
     free((*a)->path);
     PVX_FREE(*a);
 }

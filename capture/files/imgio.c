@@ -1,7 +1,6 @@
 #include "capture/files/imgio.h"
 
 #include <math.h>
-#include <pthread.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,18 +19,8 @@
 #include "capture/files/tiff.h"
 #include "capture/pixel/jpeg.h"
 
-/* The module of libtiff is found and loaded once, never unloaded. */
-static struct {
-    pthread_once_t once;
-    const struct cap_tiff *is;
-    char why[PVX_DIAG_MAX]; /* why it could not be loaded */
-} module = {.once = PTHREAD_ONCE_INIT};
-
-static void imgio_find_module(void)
-{
-    module.is = pvx_module_load("pyrovox-tiff.so", "cap_tiff_module", CAP_TIFF_VERSION, module.why,
-                                sizeof module.why);
-}
+static struct pvx_module module = {
+    .file = "pyrovox-tiff.so", .entry = "cap_tiff_module", .version = CAP_TIFF_VERSION};
 
 /* ---- images ------------------------------------------------------------------------------------- */
 
@@ -105,13 +94,13 @@ static pvx_err from_tiff(const struct cap_bytes *b, const char *path, uint32_t p
                         "%s: has %u pages, where one picture is expected: save each page as a file "
                         "of its own",
                         path, pages);
-    pthread_once(&module.once, imgio_find_module);
-    if (module.is == NULL)
+    const struct cap_tiff *tiff = pvx_module(&module);
+    if (tiff == NULL)
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: the module of TIFF cannot be loaded: %.500s; PNG, JPEG and .npy work "
                         "without",
                         path, module.why);
-    return module.is->load(b, path, at, &out->img, &out->mem, d);
+    return tiff->load(b, path, at, &out->img, &out->mem, d);
 }
 
 static pvx_err from_picture(const char *bytes, size_t len, const char *path, uint32_t page,

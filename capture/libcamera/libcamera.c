@@ -63,27 +63,20 @@ struct source {
     double temperature_c;
 };
 
-/* ---- the module: found and loaded once, never unloaded ------------------------------------------ */
+static struct pvx_module module = {
+    .file = "pyrovox-libcamera.so", .entry = "cap_lc_module", .version = CAP_LC_VERSION};
 
-static struct {
-    pthread_once_t once;
-    const struct cap_lc *lc;
-    char why[PVX_DIAG_MAX];
-} module = {.once = PTHREAD_ONCE_INIT};
-
-static void libcamera_find_module(void)
+static const struct cap_lc *lc(void)
 {
-    /* libcamera reads this when it is loaded.  Its errors come back as ours.  Its messages are off, unless the user
-     * has set the variable. */
-    setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
-    module.lc = pvx_module_load("pyrovox-libcamera.so", "cap_lc_module", CAP_LC_VERSION, module.why,
-                                sizeof module.why);
+    return module.is;
 }
 
 static pvx_err libcamera_need_module(struct pvx_diag *d)
 {
-    pthread_once(&module.once, libcamera_find_module);
-    if (module.lc != NULL)
+    /* libcamera reads this when it is loaded.  Its errors come back as ours.  Its messages are off, unless the user
+     * has set the variable. */
+    setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
+    if (pvx_module(&module) != NULL)
         return PVX_OK;
     return pvx_fail(d, PVX_EUNSUP, "libcamera cannot be used: %.600s", module.why);
 }
@@ -130,7 +123,7 @@ static pvx_err find_ids(struct ids *all, struct pvx_diag *d)
     PVX_TRY(libcamera_need_module(d));
     char err[256] = "";
     lc_hold();
-    int e = module.lc->list(add_id, all, err, sizeof err);
+    int e = lc()->list(add_id, all, err, sizeof err);
     if (e == PVX_OK)
         return PVX_OK;
     free_ids(all);
@@ -169,8 +162,8 @@ static pvx_err libcamera_list(void (*cb)(void *ctx, const struct cap_found *f), 
         snprintf(uri, sizeof uri, "libcamera:%s",
                  lc_short_name((const char *const *)all.id, all.n, i));
         snprintf(text, sizeof text, "%s, libcamera %s",
-                 all.model[i][0] != '\0' ? all.model[i] : "camera", module.lc->library);
-        bool asked = module.lc->modes(all.id[i], add_mode, &l, err, sizeof err) == PVX_OK;
+                 all.model[i][0] != '\0' ? all.model[i] : "camera", lc()->library);
+        bool asked = lc()->modes(all.id[i], add_mode, &l, err, sizeof err) == PVX_OK;
         cb(ctx, &(struct cap_found){.uri = uri, .text = text, .formats = asked ? l.text : NULL});
     }
     free_ids(&all);
@@ -182,13 +175,13 @@ static pvx_err libcamera_list(void (*cb)(void *ctx, const struct cap_found *f), 
 static bool libcamera_requeue(void *ctx, unsigned index)
 {
     const struct buffers *b = ctx;
-    return module.lc->requeue(b->camera, index) == PVX_OK;
+    return lc()->requeue(b->camera, index) == PVX_OK;
 }
 
 static void libcamera_destroy(void *ctx)
 {
     struct buffers *b = ctx;
-    module.lc->unmap(b->memory);
+    lc()->unmap(b->memory);
     free(b);
 }
 
@@ -208,7 +201,7 @@ static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *me
         e = cap_lend_new(n, SPARE, s->c.camera, &lend_ops, b, &s->lend);
     }
     if (e != PVX_OK) {
-        module.lc->unmap(memory);
+        lc()->unmap(memory);
         free(b);
         return e;
     }
@@ -333,7 +326,7 @@ static void libcamera_close(cap_source **sp)
     *sp = NULL;
     /* Memory that the consumer still uses stays mapped.  The camera is free for the next user. */
     if (s->camera != NULL)
-        module.lc->close(s->camera);
+        lc()->close(s->camera);
     cap_lend_close(&s->lend);
     cap_bufpool_unref(&s->pool);
     cap_gate_fini(&s->gate);
@@ -376,7 +369,7 @@ static pvx_err open_camera(struct source *s, const char *id, struct pvx_diag *d)
                                 .n_controls = s->c.n_features};
     struct cap_lc_memory *memory;
     char err[512] = "";
-    int e = module.lc->open(&cfg, &s->camera, &memory, &s->layout, err, sizeof err);
+    int e = lc()->open(&cfg, &s->camera, &memory, &s->layout, err, sizeof err);
     free(control);
     if (e != PVX_OK)
         return libcamera_refused(s, e, err, d);
@@ -397,7 +390,7 @@ static pvx_err libcamera_set_up(struct source *s, struct pvx_diag *d)
         CAP_LOG(PVX_LOG_INFO, &s->c, "libcamera", "own_rate",
                 "its frame rate cannot be set through libcamera %s: it sends "
                 "at its own",
-                module.lc->library);
+                lc()->library);
     if (e == PVX_OK)
         CAP_DEBUG(&s->c, "libcamera", "%s, %s %dx%d, %u buffers%s", all.id[i],
                   cap_pixfmt_name(s->fmt), s->layout.mode.width, s->layout.mode.height,
@@ -439,7 +432,7 @@ static pvx_err libcamera_start(cap_source *base, const struct cap_sink *sink, st
     s->odd_stamp = false;
     s->sequence = (struct cap_numbering){0};
     cap_gate_open(&s->gate);
-    int e = module.lc->start(s->camera, &to, err, sizeof err);
+    int e = lc()->start(s->camera, &to, err, sizeof err);
     if (e != PVX_OK) {
         cap_gate_shut(&s->gate);
         return libcamera_refused(s, e, err, d);
@@ -456,7 +449,7 @@ static void libcamera_stop(cap_source *base)
         return;
     cap_gate_shut(&s->gate);
     cap_lend_run(s->lend, false);
-    module.lc->stop(s->camera);
+    lc()->stop(s->camera);
     s->started = false;
 }
 
@@ -470,7 +463,7 @@ static void libcamera_health(cap_source *base, struct cap_health *out)
     bool odd = s->odd_stamp;
     pthread_mutex_unlock(&s->lock);
     cap_lend_retry(s->lend);
-    if (module.lc->differs(s->camera, text, sizeof text))
+    if (lc()->differs(s->camera, text, sizeof text))
         CAP_LOG(PVX_LOG_WARN, &s->c, "libcamera", "controls", "%s", text);
     if (odd)
         LOG_EVERY(PVX_LOG_WARN, CAPTURE,

@@ -189,6 +189,12 @@ pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d)
     return PVX_OK;
 }
 
+bool pvx_path_ends(const char *path, const char *end)
+{
+    size_t n = strlen(path), k = strlen(end);
+    return n > k && strcmp(path + n - k, end) == 0;
+}
+
 pvx_err pvx_path_more(const char *path, const char *more, char *out, size_t size)
 {
     const char *dot = strrchr(path, '.'), *slash = strrchr(path, '/');

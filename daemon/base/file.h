@@ -5,6 +5,7 @@
  * by name and with the remedy. */
 #ifndef PVX_FILE_H
 #define PVX_FILE_H
+#include <stdbool.h>
 #include <stddef.h>
 #include "base/err.h"
 
@@ -33,6 +34,8 @@ PVX_MUST_CHECK pvx_err pvx_file_sync(const char *path, struct pvx_diag *d);
 /* mkdir -p, mode 0777 & ~umask. */
 PVX_MUST_CHECK pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d);
 
+/* "a/b.h5" ends in ".h5"; ".h5" does not. */
+bool pvx_path_ends(const char *path, const char *end);
 /* `path` with `more` before its ending: "a/b.h5", "-0002": "a/b-0002.h5".  PVX_ERANGE: no room. */
 PVX_MUST_CHECK pvx_err pvx_path_more(const char *path, const char *more, char *out, size_t size);
 

@@ -5,11 +5,20 @@
  * packages have it below ../lib/<machine>.  It is never unloaded. */
 #ifndef PVX_MODULE_H
 #define PVX_MODULE_H
-#include <stddef.h>
+#include <stdbool.h>
+#include "base/err.h"
 
-/* Load `file` ("pyrovox-films.so") and call its `entry`, which returns a struct that begins with an int: its
- * version.
- * NULL: not found, cannot be loaded, or of another version; why [size]: the reason. */
-const void *pvx_module_load(const char *file, const char *entry, int version, char *why,
-                            size_t size);
+/* File, entry and version are the caller's.  The entry returns what the module has: a struct that begins with an int,
+ * its version. */
+struct pvx_module {
+    const char *file, *entry; /* "pyrovox-films.so", "cap_films_module" */
+    int version;
+    const void *is; /* what the entry returned */
+    bool tried;
+    char why[PVX_DIAG_MAX];
+};
+
+/* m->is, searched by the first call.  NULL: not found, cannot be loaded, or of another version; m->why: the reason.
+ * Threads: any; after a call m->is may be read without one. */
+const void *pvx_module(struct pvx_module *m);
 #endif

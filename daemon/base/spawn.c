@@ -2,6 +2,8 @@
 
 #include <signal.h>
 #include <spawn.h>
+#include <sys/prctl.h>
+#include <unistd.h>
 
 extern char **environ;
 
@@ -27,4 +29,12 @@ int pvx_spawn(const char *const argv[], int in, int out, pid_t *pid)
     posix_spawn_file_actions_destroy(&files);
     posix_spawnattr_destroy(&attr);
     return err;
+}
+
+pid_t pvx_fork_bound(void)
+{
+    pid_t parent = getpid(), pid = fork();
+    if (pid == 0 && (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != parent))
+        _exit(125);
+    return pid;
 }

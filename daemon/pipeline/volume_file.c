@@ -49,7 +49,7 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
 static pvx_err sidecar(const char *path, char *out, size_t size, struct pvx_diag *d)
 {
     size_t n = strlen(path);
-    if (n < 5 || strcmp(path + n - 4, ".npy") != 0)
+    if (!pvx_path_ends(path, ".npy"))
         return pvx_fail(d, PVX_EINVAL, "%s: a volume's file name ends in .npy", path);
     if (n + 2 > size)
         return pvx_fail(d, PVX_EINVAL, "%s: path too long", path);

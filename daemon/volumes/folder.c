@@ -7,6 +7,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "base/file.h"
+
 /* As strcmp, but digits that follow each other count as one number.  0: the names differ in leading zeros at most. */
 static int folder_compare(const char *a, const char *b)
 {
@@ -35,12 +37,6 @@ static int folder_order(const struct dirent **a, const struct dirent **b)
     return folder_compare((*a)->d_name, (*b)->d_name);
 }
 
-static bool folder_ends_in(const char *s, const char *end)
-{
-    size_t n = strlen(s), k = strlen(end);
-    return n > k && strcmp(s + n - k, end) == 0;
-}
-
 pvx_err vol_folder_list(const char *dir, const char *end, struct vol_folder *out,
                         struct pvx_diag *d)
 {
@@ -53,7 +49,7 @@ pvx_err vol_folder_list(const char *dir, const char *end, struct vol_folder *out
     pvx_err e = out->name != NULL ? PVX_OK : PVX_ENOMEM;
     for (int i = 0; i < n; i++) {
         const char *name = entry[i]->d_name;
-        if (e == PVX_OK && name[0] != '.' && folder_ends_in(name, end)) {
+        if (e == PVX_OK && name[0] != '.' && pvx_path_ends(name, end)) {
             out->name[out->n] = strdup(name);
             e = out->name[out->n] != NULL ? PVX_OK : PVX_ENOMEM;
             out->n += e == PVX_OK;
@@ -83,7 +79,7 @@ bool vol_folder_has(const char *path, const char *end)
     if (stat(path, &st) != 0)
         return false;
     if (!S_ISDIR(st.st_mode))
-        return folder_ends_in(path, end);
+        return pvx_path_ends(path, end);
     pvx_err e = vol_folder_list(path, end, &f, NULL);
     bool has = f.n > 0 && (e == PVX_OK || e == PVX_EFORMAT);
     vol_folder_free(&f);

@@ -1,26 +1,13 @@
 #include "daemon/volumes/vdb_module.h"
 
-#include <pthread.h>
-
 #include "base/module.h"
-
-static struct {
-    pthread_once_t once;
-    const struct vol_vdb *vdb;
-    char why[PVX_DIAG_MAX];
-} module = {.once = PTHREAD_ONCE_INIT};
-
-static void vdb_module_find_module(void)
-{
-    module.vdb = pvx_module_load("pyrovox-openvdb.so", "vol_vdb_module", VOL_VDB_VERSION,
-                                 module.why, sizeof module.why);
-}
 
 pvx_err vol_vdb_need(const char *path, const struct vol_vdb **out, struct pvx_diag *d)
 {
-    pthread_once(&module.once, vdb_module_find_module);
-    *out = module.vdb;
-    if (module.vdb != NULL)
+    static struct pvx_module module = {
+        .file = "pyrovox-openvdb.so", .entry = "vol_vdb_module", .version = VOL_VDB_VERSION};
+    *out = pvx_module(&module);
+    if (*out != NULL)
         return PVX_OK;
     return pvx_fail(
         d, PVX_EUNSUP,

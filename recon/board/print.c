@@ -1,31 +1,19 @@
 #include "recon/board/print.h"
 
 #include <math.h>
-#include <pthread.h>
 #include <stdlib.h>
 
 #include "base/mem.h"
 #include "base/module.h"
 #include "recon/board/spec.h"
 
-static struct {
-    pthread_once_t once;
-    const struct rec_cv *cv;
-    char why[PVX_DIAG_MAX];
-} module = {.once = PTHREAD_ONCE_INIT};
-
-static void print_find_module(void)
-{
-    module.cv = pvx_module_load("pyrovox-aruco.so", "rec_cv_module", REC_CV_VERSION, module.why,
-                                sizeof module.why);
-}
-
 pvx_err rec_cv_load(const struct rec_cv **out, struct pvx_diag *d)
 {
-    pthread_once(&module.once, print_find_module);
-    *out = module.cv;
-    return module.cv != NULL ? PVX_OK
-                             : pvx_fail(d, PVX_EUNSUP, "markers need OpenCV: %.500s", module.why);
+    static struct pvx_module module = {
+        .file = "pyrovox-aruco.so", .entry = "rec_cv_module", .version = REC_CV_VERSION};
+    *out = pvx_module(&module);
+    return *out != NULL ? PVX_OK
+                        : pvx_fail(d, PVX_EUNSUP, "markers need OpenCV: %.500s", module.why);
 }
 
 /* Sets which squares have markers, and which marker each has. */

@@ -1,7 +1,6 @@
 #include "recon/calib/calib.h"
 
 #include <math.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,20 +9,6 @@
 #include "base/module.h"
 #include "recon/calib/pose.h"
 #include "recon/calib/priv.h"
-
-/* ---- the module: found and loaded once, never unloaded ------------------------------------------ */
-
-static struct {
-    pthread_once_t once;
-    const struct rec_calib_lib *lib;
-    char why[PVX_DIAG_MAX]; /* why it could not be loaded */
-} module = {.once = PTHREAD_ONCE_INIT};
-
-static void calib_find_module(void)
-{
-    module.lib = pvx_module_load("pyrovox-calib.so", "rec_calib_module", REC_CALIB_VERSION,
-                                 module.why, sizeof module.why);
-}
 
 /* ---- out ------------------------------------------------------------------------------------------ */
 
@@ -111,12 +96,13 @@ static pvx_err calib_finish(struct calib *k, double *cov, struct rec_rig *rig)
 pvx_err rec_calib_solve(const struct rec_calib_input *in, struct rec_rig *rig,
                         struct rec_calib_report *out, struct pvx_diag *d)
 {
+    static struct pvx_module module = {
+        .file = "pyrovox-calib.so", .entry = "rec_calib_module", .version = REC_CALIB_VERSION};
     struct calib k = {.in = in, .out = out, .d = d};
     double *cov = NULL;
     *rig = (struct rec_rig){0};
     *out = (struct rec_calib_report){0};
-    pthread_once(&module.once, calib_find_module);
-    k.lib = module.lib;
+    k.lib = pvx_module(&module);
     if (k.lib == NULL)
         return pvx_fail(d, PVX_EUNSUP, "the calibration module cannot be loaded: %.500s",
                         module.why);

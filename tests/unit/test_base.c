@@ -43,6 +43,8 @@ T_CASE(more_in_a_path)
         T_EQ_I(pvx_path_more(cases[i][0], "-2", out, sizeof out), PVX_OK);
         T_EQ_S(out, cases[i][1]);
     }
+    T_OK(pvx_path_ends("a/b.h5", ".h5") && !pvx_path_ends(".h5", ".h5") &&
+         !pvx_path_ends("5", ".h5"));
     T_EQ_I(pvx_path_more("a.h5", "-2", out, 7), PVX_OK);
     T_EQ_I(pvx_path_more("a.h5", "-2", out, 6), PVX_ERANGE);
 }

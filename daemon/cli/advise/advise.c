@@ -340,7 +340,7 @@ static int advise_run(int argc, char **argv)
     if (e == PVX_OK)
         advise_print(&s, &a);
     flame_sets_fini(&s);
-    return cli_end(&d, e);
+    return cli_end(&d, e, false);
 }
 
 const struct cli_command cmd_advise = {

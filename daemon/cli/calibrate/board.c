@@ -101,8 +101,7 @@ static pvx_err write_sheet(const struct args *a, const struct rec_print *p,
 static pvx_err board_of(const struct args *a, struct rec_board *b, struct pvx_diag *d)
 {
     char text[2 * REC_BOARD_TEXT];
-    size_t n = strlen(a->out);
-    if (n < 5 || (strcmp(a->out + n - 4, ".pdf") != 0 && strcmp(a->out + n - 4, ".svg") != 0))
+    if (!pvx_path_ends(a->out, ".pdf") && !pvx_path_ends(a->out, ".svg"))
         return pvx_fail(d, PVX_EUNSUP, "%s: a sheet is written as .pdf or .svg", a->out);
     snprintf(text, sizeof text, "%s%s", a->spec, a->two_sided ? ":two-sided" : "");
     return rec_board_parse(text, b, d);

@@ -1,10 +1,6 @@
 /* calibrate.h - the steps of `pyrovox calibrate`, one file each. */
 #ifndef CLI_CALIBRATE_H
 #define CLI_CALIBRATE_H
-#include "base/err.h"
-
-/* Exit code of a step that ended with e.  PVX_ECANCELED: 130, and a line on stderr.  Otherwise as cli_error. */
-int calibrate_end(pvx_err e, const struct pvx_diag *d);
 
 /* argv[0] = "pyrovox calibrate NAME".  Each returns the exit code. */
 int calibrate_background(int argc, char **argv);

@@ -109,5 +109,5 @@ int calibrate_check(int argc, char **argv)
     cli_catch_stop();
     pvx_err e = check_run(&a, &s, &wrong, &d);
     flame_sets_fini(&s);
-    return e == PVX_OK ? wrong : calibrate_end(e, &d);
+    return e == PVX_OK ? wrong : cli_end(&d, e, true);
 }

@@ -372,7 +372,7 @@ int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
     if (e == PVX_OK)
         e = step(&l, &d);
     light_fini(&l);
-    return calibrate_end(e, &d);
+    return cli_end(&d, e, true);
 }
 
 int calibrate_light_main(const char *doc, unsigned what,

@@ -144,5 +144,5 @@ int calibrate_refine(int argc, char **argv)
     cli_catch_stop();
     pvx_err e = refine_rig(&s, &a, &accepted, &d);
     flame_sets_fini(&s);
-    return e == PVX_OK ? !accepted : calibrate_end(e, &d);
+    return e == PVX_OK ? !accepted : cli_end(&d, e, true);
 }

@@ -81,15 +81,9 @@ void calibrate_print_findings(const struct calibrate_result *r)
                r->report->finding[i].text);
 }
 
-static bool calibrate_ends_in(const char *path, const char *ext)
-{
-    size_t n = strlen(path), m = strlen(ext);
-    return n > m && strcmp(path + n - m, ext) == 0;
-}
-
 pvx_err calibrate_report_possible(const char *path, bool html, struct pvx_diag *d)
 {
-    if (calibrate_ends_in(path, ".json") || (html && calibrate_ends_in(path, ".html")))
+    if (pvx_path_ends(path, ".json") || (html && pvx_path_ends(path, ".html")))
         return PVX_OK;
     return pvx_fail(d, PVX_EUNSUP, "%s: %s", path,
                     html ? "a report is written as .html or .json"
@@ -106,7 +100,7 @@ pvx_err calibrate_write_report(const char *path, void (*json)(struct dmn_json *j
     FILE *f = open_memstream(&text, &len);
     if (f == NULL)
         return PVX_ENOMEM;
-    pvx_err e = calibrate_ends_in(path, ".json") ? dmn_json_print(f, json, of, d) : html(f, of);
+    pvx_err e = pvx_path_ends(path, ".json") ? dmn_json_print(f, json, of, d) : html(f, of);
     if (fclose(f) != 0 && e == PVX_OK)
         e = PVX_ENOMEM;
     if (e == PVX_OK)

@@ -138,5 +138,5 @@ int calibrate_solve(int argc, char **argv)
     struct calibrate_job j = {0};
     pvx_err e = solve_run(&j, &a, &d);
     calibrate_job_fini(&j);
-    return calibrate_end(e, &d);
+    return cli_end(&d, e, true);
 }

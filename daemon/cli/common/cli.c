@@ -28,13 +28,14 @@ int cli_error(const struct pvx_diag *d, pvx_err e)
     return 1;
 }
 
-int cli_end(const struct pvx_diag *d, pvx_err e)
+int cli_end(const struct pvx_diag *d, pvx_err e, bool nothing_written)
 {
     if (e == PVX_OK)
         return 0;
     if (e != PVX_ECANCELED)
         return cli_error(d, e);
-    fprintf(stderr, "pyrovox: stopped\n");
+    fprintf(stderr,
+            nothing_written ? "\npyrovox: stopped; nothing was written\n" : "pyrovox: stopped\n");
     return 130;
 }
 

@@ -23,8 +23,8 @@ void cli_catch_stop(void);
 /* Print "pyrovox: text" on stderr, return 1. */
 int cli_error(const struct pvx_diag *d, pvx_err e);
 /* Exit code of a command that ended with e: 0, 1 with the error printed, or after PVX_ECANCELED 130 with
- * "stopped". */
-int cli_end(const struct pvx_diag *d, pvx_err e);
+ * "stopped", or "stopped; nothing was written". */
+int cli_end(const struct pvx_diag *d, pvx_err e, bool nothing_written);
 
 /* Progress bar on stderr when it is a terminal, else a line every 10 %.  As rec_progress_fn: ctx is
  * a struct cli_progress; returns false once cli_stop is set. */

@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "daemon/cli/common/cli.h"
@@ -22,12 +23,6 @@ struct sources {
     char **path;
     size_t n;
 };
-
-static bool render_ends_in(const char *s, const char *end)
-{
-    size_t n = strlen(s), k = strlen(end);
-    return n > k && strcmp(s + n - k, end) == 0;
-}
 
 static bool is_folder(const char *path)
 {
@@ -94,7 +89,7 @@ static pvx_err find_sources(const struct render_options *o, struct sources *s, s
 {
     for (int i = 0; i < o->n_sources; i++) {
         pvx_err e = is_folder(o->source[i]) ? render_add_folder(s, o->source[i], d)
-                    : render_ends_in(o->source[i], ".npy")
+                    : pvx_path_ends(o->source[i], ".npy")
                         ? render_add(s, "", o->source[i])
                         : pvx_fail(d, PVX_EINVAL,
                                    "%s: a volume is a .npy file or a folder of them; of a "
@@ -149,7 +144,7 @@ static pvx_err render_one(const struct render_options *o, const struct rec_eye *
                          : rec_render(g, dense, nch, eye, pool, image);
     rec_room_free(&room);
     struct look look = o->look;
-    bool png = render_ends_in(o->out, ".png");
+    bool png = pvx_path_ends(o->out, ".png");
     if (e == PVX_OK && png && look.exposure == 0 && o->room)
         e = dmn_room_exposure(g, dense, nch, pool, &look.exposure);
     if (e == PVX_OK && png && look.exposure == 0) {
@@ -207,7 +202,7 @@ static pvx_err pictures_render(const struct render_options *o, const struct rec_
 {
     const struct rec_camera *camera;
     PVX_TRY(render_find_camera(o, rig, &camera, d));
-    bool file = render_ends_in(o->out, ".png") || render_ends_in(o->out, ".npy");
+    bool file = pvx_path_ends(o->out, ".png") || pvx_path_ends(o->out, ".npy");
     bool many = s->n != 1 || o->from == RENDER_ORBIT || o->from == RENDER_PATH;
     if (o->from == RENDER_STRIP && s->n > 1)
         return pvx_fail(d, PVX_EINVAL,
@@ -247,7 +242,7 @@ static int render_run(int argc, char **argv)
     pvx_pool_free(&pool);
     free_sources(&s);
     rec_rig_fini(&rig);
-    return cli_end(&d, e);
+    return cli_end(&d, e, false);
 }
 
 const struct cli_command cmd_render = {

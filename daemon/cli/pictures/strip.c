@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "recon/view/render.h"
@@ -177,7 +178,7 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
                    row * sizeof *view);
     }
     struct look look = p->look;
-    bool png = strlen(path) > 4 && strcmp(path + strlen(path) - 4, ".png") == 0;
+    bool png = pvx_path_ends(path, ".png");
     if (e == PVX_OK && png)
         e = strip_expose(&s, strip, n, &look);
     if (e != PVX_OK)

@@ -157,12 +157,8 @@ static int matrix_build(const struct options *o, const struct rec_rig *rig, pvx_
     int64_t t0 = pvx_now_mono();
     e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, (struct rec_progress){matrix_watch, &w},
                         &m, &d);
-    if (e == PVX_ECANCELED) {
-        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
-        return 130;
-    }
     if (e != PVX_OK)
-        return cli_error(&d, e);
+        return cli_end(&d, e, true);
     double s = cli_seconds_since(t0), saving = cli_seconds_since(w.built);
     print_matrix(m, rig);
     if (m->cached) {

@@ -19,13 +19,15 @@ static bool one_of_several(void)
 
 pvx_err ranks_open(struct ranks *r, struct pvx_diag *d)
 {
-    char why[700] = "";
+    static struct pvx_module module = {
+        .file = "pyrovox-mpi.so", .entry = "pyrovox_ranks", .version = RANKS_VERSION};
     *r = (struct ranks){.n = 1, .node_n = 1};
     if (!one_of_several())
         return PVX_OK;
-    r->module = pvx_module_load("pyrovox-mpi.so", "pyrovox_ranks", RANKS_VERSION, why, sizeof why);
+    r->module = pvx_module(&module);
     if (r->module == NULL)
-        return pvx_fail(d, PVX_EUNSUP, "several processes were started together, but %s", why);
+        return pvx_fail(d, PVX_EUNSUP, "several processes were started together, but %.600s",
+                        module.why);
     bool begun = r->module->open(&r->rank, &r->n, &r->on_node, &r->node_n);
     if (begun && r->n > 1)
         return PVX_OK;

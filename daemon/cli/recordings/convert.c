@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/volumes/volumes.h"
@@ -91,12 +92,6 @@ static const struct argp argp = {
            "then are complete.",
 };
 
-static bool convert_ends_in(const char *s, const char *end)
-{
-    size_t n = strlen(s), k = strlen(end);
-    return n > k && strcmp(s + n - k, end) == 0;
-}
-
 static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
 {
     static const struct {
@@ -106,7 +101,7 @@ static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
     if (c->format < 0 && vol_hdf5_name(c->out))
         c->format = VOL_HDF5;
     for (size_t i = 0; c->format < 0 && i < sizeof ends / sizeof ends[0]; i++)
-        if (convert_ends_in(c->out, ends[i].end))
+        if (pvx_path_ends(c->out, ends[i].end))
             c->format = (int)ends[i].format;
     if (c->format < 0)
         return pvx_fail(d, PVX_EINVAL, "%s: of which format?  Say --format npy, hdf5, vdb or nvdb",

@@ -8,12 +8,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "base/file.h"
 #include "base/mem.h"
+#include "base/spawn.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/recordings/replay.h"
 #include "daemon/config/config.h"
@@ -220,11 +220,9 @@ static int run_daemon(const struct folder *f, struct pvx_diag *d)
     }
     snprintf(path, sizeof path, "%s/pyrovoxd", bin);
     fflush(NULL);
-    pid_t parent = getpid(), pid = fork();
+    pid_t pid = pvx_fork_bound();
     if (pid == 0) {
-        prctl(PR_SET_PDEATHSIG, SIGTERM);
-        if (getppid() == parent)
-            execl(path, path, "--config", f->config, (char *)NULL);
+        execl(path, path, "--config", f->config, (char *)NULL);
         fprintf(stderr, "pyrovox: cannot run %s: %s\n", path, strerror(errno));
         _exit(127);
     }

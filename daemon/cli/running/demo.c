@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -15,6 +14,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
+#include "base/spawn.h"
 #include "base/yaml.h"
 #include "capture/files/imgio.h"
 #include "daemon/cli/common/arg.h"
@@ -202,7 +202,7 @@ static void demo_remove_folder(struct demo *m)
 /* ---- the programs ---- */
 
 /* In the child, after fork. */
-static void demo_become(struct demo *m, pid_t parent)
+static void demo_become(struct demo *m)
 {
     char pyrovox[PATH_MAX + 16], daemon[PATH_MAX + 16], rig[128], config[128], fps[40], ring[24];
     snprintf(pyrovox, sizeof pyrovox, "%s/pyrovox", m->bin);
@@ -212,9 +212,6 @@ static void demo_become(struct demo *m, pid_t parent)
     snprintf(fps, sizeof fps, "%.17g", m->a.fps);
     snprintf(ring, sizeof ring, "%lld", m->ring);
     setpgid(0, 0); /* only the demo receives a terminal's Ctrl-C, and ends the whole group */
-    prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (getppid() != parent)
-        _exit(125);
     int log = open(m->log, O_WRONLY | O_CREAT | O_APPEND, 0600), null = open("/dev/null", O_RDONLY);
     if (log < 0 || null < 0 || dup2(null, 0) < 0 || dup2(log, 1) < 0 || dup2(log, 2) < 0)
         _exit(125);
@@ -401,13 +398,12 @@ static pvx_err demo_play(struct demo *m, char *line, size_t size, struct pvx_dia
 {
     PVX_TRY(pvx_exe_dir(m->bin, sizeof m->bin));
     PVX_TRY(demo_make_folder(m, d));
-    pid_t parent = getpid();
     fflush(NULL);
-    m->child = fork();
+    m->child = pvx_fork_bound();
     if (m->child < 0)
         return pvx_fail(d, PVX_ENOMEM, "cannot start a process: %s", strerror(errno));
     if (m->child == 0)
-        demo_become(m, parent);
+        demo_become(m);
     struct follow_truth truth = {
         .known = true, .seed = SEED, .period_s = (double)m->ring / m->a.fps, .ring_fps = m->a.fps};
     m->following = true;

@@ -6,20 +6,19 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "base/spawn.h"
+
 /* In the child, after fork. */
-static void demo_view_become(const char *bin, const char *endpoint, const char *log, int out,
-                             pid_t parent)
+static void demo_view_become(const char *bin, const char *endpoint, const char *log, int out)
 {
     char pyrovox[PATH_MAX + 16];
     snprintf(pyrovox, sizeof pyrovox, "%s/pyrovox", bin);
     setpgid(0, 0); /* only the demo receives a terminal's Ctrl-C */
-    prctl(PR_SET_PDEATHSIG, SIGTERM);
     int err = open(log, O_WRONLY | O_CREAT | O_APPEND, 0600);
-    if (getppid() != parent || err < 0 || dup2(out, 1) < 0 || dup2(err, 2) < 0)
+    if (err < 0 || dup2(out, 1) < 0 || dup2(err, 2) < 0)
         _exit(125);
     execl(pyrovox, pyrovox, "view", "--open", "--turn", "--listen", "127.0.0.1:0", "--endpoint",
           endpoint, (char *)NULL);
@@ -32,10 +31,9 @@ pvx_err demo_view_start(struct demo_view *v, const char *bin, const char *endpoi
     int fd[2];
     if (pipe2(fd, O_CLOEXEC) != 0)
         return pvx_fail(d, PVX_EIO, "no pipe to be had: %s", strerror(errno));
-    pid_t parent = getpid();
-    v->pid = fork();
+    v->pid = pvx_fork_bound();
     if (v->pid == 0)
-        demo_view_become(bin, endpoint, log, fd[1], parent);
+        demo_view_become(bin, endpoint, log, fd[1]);
     close(fd[1]);
     if (v->pid < 0) {
         v->pid = 0;

@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/signalfd.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -13,6 +12,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/spawn.h"
 #include "base/yaml.h"
 #include "capture/gevsim/netns.h"
 #include "daemon/cli/common/cli.h"
@@ -315,12 +315,9 @@ static int open_signals(sigset_t *old)
 /* Run the command; when this process dies, the kernel ends the command too. */
 static pid_t spawn(char **command, bool give_stdin, const sigset_t *mask)
 {
-    pid_t parent = getpid(), pid = fork();
+    pid_t pid = pvx_fork_bound();
     if (pid != 0)
         return pid;
-    prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (getppid() != parent)
-        _exit(125);
     sigprocmask(SIG_SETMASK, mask, NULL);
     signal(SIGINT, SIG_DFL);
     signal(SIGTERM, SIG_DFL);
