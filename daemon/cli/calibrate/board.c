@@ -1,5 +1,4 @@
 /* board.c - `pyrovox calibrate board`: the sheet to print. */
-#include <argp.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,17 +16,16 @@ struct args {
     bool two_sided;
 };
 
-enum { OPT_TWO_SIDED = 0x100 };
-static const struct argp_option options[] = {
-    {"out", 'o', "FILE", 0, "write it here; .pdf or .svg", 0},
-    {"page", 'p', "PAGE", 0,
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"o|out", "FILE", AT(out), 0, 0, "write it here; .pdf or .svg"},
+    {"p|page", "PAGE", AT(page), 0, 0,
      "A4, A3, A2, A1, A0, letter, millimetres as 420x297, custom: as large as the board asks for; "
-     "default: the smallest of A4 to A0 that holds it",
-     0},
-    {"two-sided", OPT_TWO_SIDED, NULL, 0,
+     "default: the smallest of A4 to A0 that holds it"},
+    {"two-sided", NULL, AT(two_sided), 0, 0,
      "a mirrored back too, with marks to lay it on: the second page of a PDF; beside FILE.svg, "
-     "FILE-back.svg",
-     0},
+     "FILE-back.svg"},
     {0}};
 
 static const char doc[] =
@@ -57,9 +55,6 @@ static error_t board_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case 'o': a->out = arg; return 0;
-    case 'p': a->page = arg; return 0;
-    case OPT_TWO_SIDED: a->two_sided = true; return 0;
     case ARGP_KEY_ARG: cli_arg_one(st, "board", arg, &a->spec); return 0;
     case ARGP_KEY_END:
         if (a->spec == NULL || a->out == NULL)
@@ -67,7 +62,7 @@ static error_t board_parse_opt(int key, char *arg, struct argp_state *st)
                        a->spec == NULL ? "which board? As charuco:8x11:0.03:0.022"
                                        : "where to? --out board.pdf");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -110,10 +105,8 @@ static pvx_err board_of(const struct args *a, struct rec_board *b, struct pvx_di
 int calibrate_board(int argc, char **argv)
 {
     struct args a = {.page = "auto"};
-    const struct argp argp = {
-        .options = options, .parser = board_parse_opt, .args_doc = "SPEC", .doc = doc};
-    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
-        return 2;
+    const struct argp argp = {.parser = board_parse_opt, .args_doc = "SPEC", .doc = doc};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     struct pvx_diag d = {""};
     struct rec_board b;
     struct rec_print p = {0};

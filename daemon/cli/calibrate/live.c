@@ -25,16 +25,16 @@ struct args {
     char **argv;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_POSES };
+#define AT(field) CLI_AT(struct args, field)
 
-static const struct argp_option options[] = {
-    {"config", 'c', "FILE", 0, "the cameras of this pyrovoxd.yaml, set up and triggered as it says",
-     0},
-    {"frames", OPT_FRAMES, "DIR", 0,
+static const struct cli_row rows[] = {
+    {"c|config", "FILE", AT(config), 0, 0,
+     "the cameras of this pyrovoxd.yaml, set up and triggered as it says"},
+    {"frames", "DIR", AT(frames), 0, 0,
      "keep the pictures here, and go on from those that are there (default: beside the rig, "
-     "rig-frames for rig.yaml)",
-     0},
-    {"poses", OPT_POSES, "N", 0, "end by itself once there are so many (0, the default: never)", 0},
+     "rig-frames for rig.yaml)"},
+    {"poses", "N", AT(poses), 0, 1000000,
+     "end by itself once there are so many (0, the default: never)"},
     {0}};
 
 static const char doc[] =
@@ -75,15 +75,12 @@ static error_t live_parse_opt(int key, char *arg, struct argp_state *st)
     struct args *a = st->input;
     switch (key) {
     case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
-    case 'c': a->config = arg; return 0;
-    case OPT_FRAMES: a->frames = arg; return 0;
-    case OPT_POSES: cli_arg_int(st, "poses", arg, 0, 1000000, &a->poses); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->config == NULL)
             argp_error(st, "which cameras? --config pyrovoxd.yaml");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -413,11 +410,9 @@ int calibrate_live(int argc, char **argv)
 {
     struct args a = {.c = CALIBRATE_ARGS_INIT, .argc = argc, .argv = argv};
     a.c.volume_later = true;
-    const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
-    const struct argp argp = {
-        .options = options, .parser = live_parse_opt, .doc = doc, .children = children};
-    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
-        return 2;
+    const struct argp_child children[] = {{calibrate_options(), 0, NULL, 0}, {0}};
+    const struct argp argp = {.parser = live_parse_opt, .doc = doc, .children = children};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     pvx_log_set_level(PVX_LOG_ERROR); /* the screen shows the warnings */
     cli_catch_stop();
     return calibrate_live_run(&a);

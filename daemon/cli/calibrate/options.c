@@ -8,63 +8,46 @@
 #include "daemon/cli/common/opt_rig.h"
 #include "recon/calib/calib.h"
 
-enum {
-    OPT_VOLUME = 0x800,
-    OPT_VOXELS,
-    OPT_FLOOR,
-    OPT_UP,
-    OPT_KEEP,
-    OPT_LENSES,
-    OPT_ADD,
-    OPT_RECOVER,
-    OPT_MEASURED,
-    OPT_REPORT,
-    OPT_ACCEPT,
-    OPT_FORCE,
-    OPT_THREADS,
-    OPT_QUIET
-};
+enum { OPT_VOLUME = 0x800, OPT_VOXELS, OPT_UP, OPT_ADD, OPT_RECOVER, OPT_MEASURED, OPT_REPORT };
 
-static const struct argp_option options[] = {
-    {"board", 'b', "SPEC", 0, "the board as it was printed; see `pyrovox calibrate board --help`",
-     0},
-    {"volume", OPT_VOLUME, "X0,Y0,Z0,X1,Y1,Z1", 0,
-     "the box in which the flame will burn, metres, z up", 0},
-    {"out", 'o', "FILE", 0, "write the rig here", 0},
-    {"voxels", OPT_VOXELS, "N|NX,NY,NZ|auto", 0,
-     "voxels along x, y, z (auto, the default: the finest that the pictures hold)", 0},
-    {NULL, 0, NULL, 0, "World:", 1},
-    {"floor", OPT_FLOOR, "NUMBER", 0,
+#define AT(field) CLI_AT(struct calibrate_args, field)
+
+static const struct cli_row rows[] = {
+    {"b|board", "SPEC", AT(board), 0, 0,
+     "the board as it was printed; see `pyrovox calibrate board --help`"},
+    {"volume", "X0,Y0,Z0,X1,Y1,Z1", CLI_KEY(OPT_VOLUME), 0, 0,
+     "the box in which the flame will burn, metres, z up"},
+    {"o|out", "FILE", AT(out), 0, 0, "write the rig here"},
+    {"voxels", "N|NX,NY,NZ|auto", CLI_KEY(OPT_VOXELS), 0, 0,
+     "voxels along x, y, z (auto, the default: the finest that the pictures hold)"},
+    {.help = "World:"},
+    {"floor", "NUMBER", AT(floor), 0, REC_NO_FRAME - 1,
      "in the pictures of this number the board lies flat at the bottom of the volume: its middle "
      "is "
-     "x = y = 0, its rows are x",
-     1},
-    {"up", OPT_UP, "X,Y,Z[,CAMERA]", 0,
-     "z up, in the axes of a camera (the first): 0,-1,0 for one that stands upright and level", 1},
-    {"keep", OPT_KEEP, "RIG", 0, "the world of an older rig, by the cameras that did not move", 1},
-    {NULL, 0, NULL, 0, "Known already:", 2},
-    {"fix-intrinsics", OPT_LENSES, "RIG", 0, "lenses as they are in this rig, by name", 2},
-    {"add", OPT_ADD, "CAMERA", 0,
+     "x = y = 0, its rows are x"},
+    {"up", "X,Y,Z[,CAMERA]", CLI_KEY(OPT_UP), 0, 0,
+     "z up, in the axes of a camera (the first): 0,-1,0 for one that stands upright and level"},
+    {"keep", "RIG", AT(keep), 0, 0, "the world of an older rig, by the cameras that did not move"},
+    {.help = "Known already:"},
+    {"fix-intrinsics", "RIG", AT(lenses), 0, 0, "lenses as they are in this rig, by name"},
+    {"add", "CAMERA", CLI_KEY(OPT_ADD), 0, 0,
      "a new camera: all others stay as they are in the rig of --keep, to which it is added; may be "
-     "repeated",
-     2},
-    {"recover", OPT_RECOVER, "CAMERA", 0,
+     "repeated"},
+    {"recover", "CAMERA", CLI_KEY(OPT_RECOVER), 0, 0,
      "a camera that was moved: it keeps its lens, all others stay as they are in the rig of "
      "--keep; "
-     "may be repeated",
-     2},
-    {"measured", OPT_MEASURED, "A,B,METRES", 0,
-     "the distance of two cameras' lenses by tape, to check the scale; may be repeated", 2},
-    {NULL, 0, NULL, 0, "Output:", 3},
-    {"report", OPT_REPORT, "FILE", 0,
+     "may be repeated"},
+    {"measured", "A,B,METRES", CLI_KEY(OPT_MEASURED), 0, 0,
+     "the distance of two cameras' lenses by tape, to check the scale; may be repeated"},
+    {.help = "Output:"},
+    {"report", "FILE", CLI_KEY(OPT_REPORT), 0, 0,
      "a page to look at (FILE.html) or everything as JSON (FILE.json), every picture with its "
      "reason; "
-     "also where no rig can be had; may be given twice",
-     3},
-    {"accept", OPT_ACCEPT, NULL, 0, "write the rig even though the report refuses it", 3},
-    {"force", OPT_FORCE, NULL, 0, "write over an older FILE", 3},
-    {"threads", OPT_THREADS, "N", 0, "threads to look at pictures with (0: one per CPU)", 3},
-    {"quiet", OPT_QUIET, NULL, 0, "no progress", 3},
+     "also where no rig can be had; may be given twice"},
+    {"accept", NULL, AT(accept), 0, 0, "write the rig even though the report refuses it"},
+    {"force", NULL, AT(force), 0, 0, "write over an older FILE"},
+    {"threads", "N", AT(threads), 0, 256, "threads to look at pictures with (0: one per CPU)"},
+    {"quiet", NULL, AT(quiet), 0, 0, "no progress"},
     {0}};
 
 const char *calibrate_parse_numbers(const char *s, size_t n, double *out)
@@ -137,8 +120,6 @@ static error_t calibrate_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct calibrate_args *a = st->input;
     switch (key) {
-    case 'b': a->board = arg; return 0;
-    case 'o': a->out = arg; return 0;
     case OPT_VOLUME: parse_volume(a, arg, st); return 0;
     case OPT_VOXELS:
         if (strcmp(arg, "auto") == 0)
@@ -147,10 +128,7 @@ static error_t calibrate_parse_opt(int key, char *arg, struct argp_state *st)
             argp_error(st, "--voxels %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each",
                        arg, REC_GRID_MAX);
         return 0;
-    case OPT_FLOOR: cli_arg_int(st, "floor", arg, 0, REC_NO_FRAME - 1, &a->floor); return 0;
     case OPT_UP: parse_up(a, arg, st); return 0;
-    case OPT_KEEP: a->keep = arg; return 0;
-    case OPT_LENSES: a->lenses = arg; return 0;
     case OPT_ADD: parse_name(&a->add, arg, st); return 0;
     case OPT_RECOVER: parse_name(&a->recover, arg, st); return 0;
     case OPT_MEASURED:
@@ -165,13 +143,15 @@ static error_t calibrate_parse_opt(int key, char *arg, struct argp_state *st)
         else
             a->report[a->n_reports++] = arg;
         return 0;
-    case OPT_ACCEPT: a->accept = true; return 0;
-    case OPT_FORCE: a->force = true; return 0;
-    case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
-    case OPT_QUIET: a->quiet = true; return 0;
     case ARGP_KEY_END: calibrate_options_check(a, st); return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
-const struct argp calibrate_options = {.options = options, .parser = calibrate_parse_opt};
+const struct argp *calibrate_options(void)
+{
+    static struct argp_option options[sizeof rows / sizeof *rows];
+    static struct argp argp = {.parser = calibrate_parse_opt};
+    argp.options = cli_rows(rows, options);
+    return &argp;
+}

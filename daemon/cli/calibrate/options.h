@@ -1,6 +1,6 @@
 /* options.h - the options that `calibrate solve` and `calibrate live` share, as an argp child.
  *
- * A command lists calibrate_options among its children and hands over a struct calibrate_args in ARGP_KEY_INIT, as
+ * A command lists calibrate_options() among its children and hands over a struct calibrate_args in ARGP_KEY_INIT, as
  * with opt_rig.h.  Strings point into argv. */
 #ifndef CALIBRATE_OPTIONS_H
 #define CALIBRATE_OPTIONS_H
@@ -36,7 +36,7 @@ struct calibrate_args {
         .floor = -1         \
     }
 
-extern const struct argp calibrate_options;
+const struct argp *calibrate_options(void);
 
 /* Read n numbers separated by commas.  Returns the camera's name after one more comma, "" without one; NULL:
  * wrong. */

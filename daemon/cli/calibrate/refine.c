@@ -16,11 +16,11 @@ struct args {
     bool force;
 };
 
-enum { OPT_FORCE = 0x100 };
+#define AT(field) CLI_AT(struct args, field)
 
-static const struct argp_option options[] = {
-    {"out", 'o', "FILE", 0, "write the corrected rig here", 0},
-    {"force", OPT_FORCE, NULL, 0, "write over an older FILE", 0},
+static const struct cli_row rows[] = {
+    {"o|out", "FILE", AT(out), 0, 0, "write the corrected rig here"},
+    {"force", NULL, AT(force), 0, 0, "write over an older FILE"},
     {0}};
 
 static const char doc[] =
@@ -42,8 +42,6 @@ static error_t refine_parse_opt(int key, char *arg, struct argp_state *st)
     struct args *a = st->input;
     switch (key) {
     case ARGP_KEY_INIT: st->child_inputs[0] = &a->sets; return 0;
-    case 'o': a->out = arg; return 0;
-    case OPT_FORCE: a->force = true; return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->sets.frames == NULL)
@@ -51,7 +49,7 @@ static error_t refine_parse_opt(int key, char *arg, struct argp_state *st)
         if (a->out == NULL)
             argp_error(st, "where to? --out refined.yaml");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -134,10 +132,8 @@ int calibrate_refine(int argc, char **argv)
 {
     struct args a = {.sets = FLAME_SETS_INIT};
     const struct argp_child children[] = {{flame_sets_argp(), 0, NULL, 0}, {0}};
-    const struct argp argp = {
-        .options = options, .parser = refine_parse_opt, .doc = doc, .children = children};
-    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
-        return 2;
+    const struct argp argp = {.parser = refine_parse_opt, .doc = doc, .children = children};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     struct pvx_diag d = {""};
     struct flame_sets s = {0};
     bool accepted = false;

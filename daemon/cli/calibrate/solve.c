@@ -16,30 +16,29 @@ struct args {
     size_t n_binning, n_region;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_NUMBERS, OPT_BINNING, OPT_REGION };
+enum { OPT_NUMBERS = 0x100, OPT_BINNING, OPT_REGION };
 
-static const struct argp_option options[] = {
-    {"frames", OPT_FRAMES, "DIR", 0,
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"frames", "DIR", AT(frames), 0, 0,
      "DIR/<camera>/<number>.(png|tif|jpg|npy), pictures of one instant have one number; or videos "
-     "whose times begin together, DIR/<camera>.(mp4|avi|mkv|mov); or a take, FILE.h5",
-     0},
-    {"numbers", OPT_NUMBERS, CAP_NUMBERS, 0,
+     "whose times begin together, DIR/<camera>.(mp4|avi|mkv|mov); or a take, FILE.h5"},
+    {"numbers", CAP_NUMBERS, CLI_KEY(OPT_NUMBERS), 0, 0,
      "what the numbers of pictures are: count (default), or times of the cameras' common clock, "
-     "which are paired to half a frame period",
-     0},
-    {"every", OPT_EVERY, "N", 0,
+     "which are paired to half a frame period"},
+    {"every", "N", AT(every), 1, 1000000,
      "of every N frames of videos, or sets of a take, look at the one in which the least moves "
-     "(default: so that 200 are looked at; 1: all)",
-     0},
-    {"from", OPT_FROM, "NUMBER", 0, "only pictures of this number and later ones", 0},
-    {"to", OPT_TO, "NUMBER", 0, "only pictures up to this number", 0},
-    {"binning", OPT_BINNING, "N[,CAMERA]", 0,
-     "the flame is taken with N x N pixels as one, these pictures are not; may be repeated", 0},
-    {"region", OPT_REGION, "X,Y,W,H[,CAMERA]", 0,
+     "(default: so that 200 are looked at; 1: all)"},
+    {"from", "NUMBER", AT(from), 0, REC_NO_FRAME - 1,
+     "only pictures of this number and later ones"},
+    {"to", "NUMBER", AT(to), 0, REC_NO_FRAME - 1, "only pictures up to this number"},
+    {"binning", "N[,CAMERA]", CLI_KEY(OPT_BINNING), 0, 0,
+     "the flame is taken with N x N pixels as one, these pictures are not; may be repeated"},
+    {"region", "X,Y,W,H[,CAMERA]", CLI_KEY(OPT_REGION), 0, 0,
      "pictures of the flame are these W x H pixels, after binning, of the whole ones, which these "
      "are; "
-     "may be repeated",
-     0},
+     "may be repeated"},
     {0}};
 
 static const char doc[] =
@@ -77,10 +76,6 @@ static error_t solve_parse_opt(int key, char *arg, struct argp_state *st)
     struct args *a = st->input;
     switch (key) {
     case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
-    case OPT_FRAMES: a->frames = arg; return 0;
-    case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
-    case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
-    case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
     case OPT_NUMBERS: a->numbers = cli_arg_word(st, "numbers", arg, CAP_NUMBERS); return 0;
     case OPT_BINNING: solve_keep(st, a->binning, &a->n_binning, arg); return 0;
     case OPT_REGION: solve_keep(st, a->region, &a->n_region, arg); return 0;
@@ -89,7 +84,7 @@ static error_t solve_parse_opt(int key, char *arg, struct argp_state *st)
         if (a->frames == NULL)
             argp_error(st, "which pictures? --frames DIR");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -129,11 +124,9 @@ static pvx_err solve_run(struct calibrate_job *j, const struct args *a, struct p
 int calibrate_solve(int argc, char **argv)
 {
     struct args a = {.c = CALIBRATE_ARGS_INIT, .to = REC_NO_FRAME};
-    const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
-    const struct argp argp = {
-        .options = options, .parser = solve_parse_opt, .doc = doc, .children = children};
-    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
-        return 2;
+    const struct argp_child children[] = {{calibrate_options(), 0, NULL, 0}, {0}};
+    const struct argp argp = {.parser = solve_parse_opt, .doc = doc, .children = children};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     struct pvx_diag d = {""};
     struct calibrate_job j = {0};
     pvx_err e = solve_run(&j, &a, &d);

@@ -1,6 +1,5 @@
 /* cameras.c - `pyrovox cameras`: which cameras can be found, as lines for the configuration; and
  * `pyrovox cameras test`. */
-#include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,20 +7,22 @@
 #include "base/mem.h"
 #include "capture/rig/backends.h"
 #include "daemon/cli/cameras/list.h"
+#include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/control/json.h"
 #include "daemon/doctor/parse.h"
 #include "daemon/doctor/wrap.h"
 
-enum { OPT_JSON = 0x100 };
 struct args {
     const char *scheme;
     bool json, formats;
 };
 
-static const struct argp_option options[] = {
-    {"formats", 'l', NULL, 0, "every format, size and rate, one a line", 0},
-    {"json", OPT_JSON, NULL, 0, "print JSON", 0},
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"l|formats", NULL, AT(formats), 0, 0, "every format, size and rate, one a line"},
+    {"json", NULL, AT(json), 0, 0, "print JSON"},
     {0}};
 
 static const char doc[] =
@@ -44,14 +45,12 @@ static error_t cameras_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case 'l': a->formats = true; return 0;
-    case OPT_JSON: a->json = true; return 0;
     case ARGP_KEY_ARG:
         if (a->scheme != NULL)
             argp_error(st, "'%s': one backend at a time, or none for all", arg);
         a->scheme = arg;
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -159,12 +158,10 @@ static int cameras_run(int argc, char **argv)
         return cmd_cameras_test(argc - 1, argv + 1);
     }
     struct args a = {0};
-    const struct argp argp = {.options = options,
-                              .parser = cameras_parse_opt,
+    const struct argp argp = {.parser = cameras_parse_opt,
                               .args_doc = "[BACKEND]\ntest [OPTION...] [SOURCE...]",
                               .doc = doc};
-    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
-        return 2;
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     struct cameras_list *l = pvx_calloc(1, sizeof *l);
     if (l == NULL)
         return cli_error(NULL, PVX_ENOMEM);

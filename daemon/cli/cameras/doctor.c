@@ -1,5 +1,4 @@
 /* doctor.c - `pyrovox doctor`: causes of lost frames on this host, and the remedy for each. */
-#include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,27 +12,26 @@
 #include "daemon/doctor/doctor.h"
 #include "daemon/doctor/host.h"
 
-enum { OPT_JSON = 0x100, OPT_FIX, OPT_SAMPLE, OPT_RECORD, OPT_DISK };
-
 struct args {
     const char *config, *fix_script, *record;
     bool json, all;
     double sample_s, disk_mb;
 };
 
-static const struct argp_option options[] = {
-    {"config", 'c', "FILE", 0,
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"c|config", "FILE", AT(config), 0, 0,
      "the daemon's configuration: then the checks know how many cameras there are, where, how "
-     "large and how fast",
-     0},
-    {"all", 'a', NULL, 0, "show what is well, too", 0},
-    {"json", OPT_JSON, NULL, 0, "print JSON", 0},
-    {"fix-script", OPT_FIX, "FILE", 0,
-     "write all remedies as a shell script to read and run as root (- = standard output)", 0},
-    {"sample", OPT_SAMPLE, "SECONDS", 0,
-     "read counters of lost packets twice, so far apart (1); what grows meanwhile is a failure", 0},
-    {"record", OPT_RECORD, "DIR", 0, "check room for raw recordings in this folder", 0},
-    {"disk-test", OPT_DISK, "MB", 0, "and write so much there to see how fast it is", 0},
+     "large and how fast"},
+    {"a|all", NULL, AT(all), 0, 0, "show what is well, too"},
+    {"json", NULL, AT(json), 0, 0, "print JSON"},
+    {"fix-script", "FILE", AT(fix_script), 0, 0,
+     "write all remedies as a shell script to read and run as root (- = standard output)"},
+    {"sample", "SECONDS", AT(sample_s), 0, 3600,
+     "read counters of lost packets twice, so far apart (1); what grows meanwhile is a failure"},
+    {"record", "DIR", AT(record), 0, 0, "check room for raw recordings in this folder"},
+    {"disk-test", "MB", AT(disk_mb), 1, 1e6, "and write so much there to see how fast it is"},
     {0}};
 
 static const char doc[] =
@@ -56,19 +54,12 @@ static error_t doctor_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case 'c': a->config = arg; return 0;
-    case 'a': a->all = true; return 0;
-    case OPT_JSON: a->json = true; return 0;
-    case OPT_FIX: a->fix_script = arg; return 0;
-    case OPT_SAMPLE: a->sample_s = cli_arg_double(st, "sample", arg, 0, 3600); return 0;
-    case OPT_RECORD: a->record = arg; return 0;
-    case OPT_DISK: a->disk_mb = cli_arg_double(st, "disk-test", arg, 1, 1e6); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->disk_mb > 0 && a->record == NULL)
             argp_error(st, "--disk-test needs --record DIR");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -113,9 +104,9 @@ static pvx_err doctor_write_script(const char *path, const struct doctor *doctor
 static int doctor_run(int argc, char **argv)
 {
     struct args a = {.sample_s = 1};
-    const struct argp argp = {.options = options, .parser = doctor_parse, .doc = doc};
+    const struct argp argp = {.parser = doctor_parse, .doc = doc};
     argp_err_exit_status = 3; /* 1 and 2 are verdicts about the host */
-    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     struct doctor *doctor = pvx_calloc(1, sizeof *doctor);
     struct doc_host host;
     struct pvx_diag d = {""};

@@ -1,5 +1,4 @@
 /* test.c - `pyrovox cameras test`: measures what cameras deliver, and whether they expose together. */
-#include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -9,7 +8,7 @@
 #include "daemon/cli/cameras/camtest.h"
 #include "daemon/cli/common/cli.h"
 
-enum { OPT_JSON = 0x100, OPT_SECONDS, OPT_FPS, OPT_FORMAT, OPT_SIZE, OPT_TRIGGER, OPT_SAVE };
+enum { OPT_SIZE = 0x100 };
 
 struct args {
     struct camtest_options o;
@@ -17,16 +16,20 @@ struct args {
     bool json;
 };
 
-static const struct argp_option options[] = {
-    {"config", 'c', "FILE", 0, "the cameras of this pyrovoxd.yaml, set up as it says", 0},
-    {"seconds", OPT_SECONDS, "N", 0, "watch for so long once all deliver (5)", 0},
-    {"fps", OPT_FPS, "HZ", 0, "ask for this rate (the configuration's, or 20)", 0},
-    {"pixel-format", OPT_FORMAT, "NAME", 0, "ask for this format, as Mono8 or BayerRG12p", 0},
-    {"size", OPT_SIZE, "WxH", 0,
-     "ask for this size; without, as the camera is set (not with --config)", 0},
-    {"trigger", OPT_TRIGGER, "MODE", 0, "free-run, software, line or action", 0},
-    {"save", OPT_SAVE, "DIR", 0, "write one picture of each camera there", 0},
-    {"json", OPT_JSON, NULL, 0, "print JSON", 0},
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"c|config", "FILE", AT(o.config), 0, 0,
+     "the cameras of this pyrovoxd.yaml, set up as it says"},
+    {"seconds", "N", AT(o.seconds), 0.1, 1e6, "watch for so long once all deliver (5)"},
+    {"fps", "HZ", AT(o.fps), 0.01, 10000, "ask for this rate (the configuration's, or 20)"},
+    {"pixel-format", "NAME", AT(o.pixel_format), 0, 0,
+     "ask for this format, as Mono8 or BayerRG12p"},
+    {"size", "WxH", CLI_KEY(OPT_SIZE), 0, 0,
+     "ask for this size; without, as the camera is set (not with --config)"},
+    {"trigger", "MODE", AT(o.trigger), 0, 0, "free-run, software, line or action"},
+    {"save", "DIR", AT(save), 0, 0, "write one picture of each camera there"},
+    {"json", NULL, AT(json), 0, 0, "print JSON"},
     {0}};
 
 static const char doc[] =
@@ -52,14 +55,7 @@ static error_t cameras_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case 'c': a->o.config = arg; return 0;
-    case OPT_JSON: a->json = true; return 0;
-    case OPT_SECONDS: a->o.seconds = cli_arg_double(st, "seconds", arg, 0.1, 1e6); return 0;
-    case OPT_FPS: a->o.fps = cli_arg_double(st, "fps", arg, 0.01, 10000); return 0;
-    case OPT_FORMAT: a->o.pixel_format = arg; return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 1, 16384, &a->o.width, &a->o.height); return 0;
-    case OPT_TRIGGER: a->o.trigger = arg; return 0;
-    case OPT_SAVE: a->save = arg; return 0;
     case ARGP_KEY_ARG:
         if (a->o.n == REC_MAX_CAMERAS)
             argp_error(st, "more than %d cameras", REC_MAX_CAMERAS);
@@ -71,7 +67,7 @@ static error_t cameras_parse(int key, char *arg, struct argp_state *st)
         if (a->o.config != NULL && a->o.width > 0)
             argp_error(st, "--size: the rig says how large the pictures are");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -118,9 +114,8 @@ static int test(const struct args *a)
 int cmd_cameras_test(int argc, char **argv)
 {
     struct args a = {.o = {.seconds = 5}};
-    const struct argp argp = {
-        .options = options, .parser = cameras_parse, .args_doc = "[SOURCE...]", .doc = doc};
-    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    const struct argp argp = {.parser = cameras_parse, .args_doc = "[SOURCE...]", .doc = doc};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     a.o.uri = a.uri;
     struct cameras_list *l = calloc(1, sizeof *l);
     if (l == NULL)

@@ -77,20 +77,30 @@ int cli_arg_word(struct argp_state *st, const char *name, const char *text, cons
     return 0;
 }
 
+#define ARG_ROW_KEY \
+    0x10000 /* to 0x1ffff; letters and a command's own keys are below, argp's above */
+
+static bool arg_has_letter(const struct cli_row *r)
+{
+    return r->name != NULL && r->name[1] == '|';
+}
+static const char *arg_name(const struct cli_row *r)
+{
+    return arg_has_letter(r) ? r->name + 2 : r->name;
+}
+
 /* A number within the row's limits, or the value that its word stands for. */
 static double arg_number(struct argp_state *st, const struct cli_row *r, const char *text)
 {
     const char *word = strchr(r->arg, '|');
     if (!(r->hi > r->lo))
-        return cli_arg_word(st, r->name, text, r->arg);
+        return cli_arg_word(st, arg_name(r), text, r->arg);
     if (word != NULL && strcmp(word + 1, text) == 0)
         return r->lo - 1;
     if (r->type == CLI_FLOAT || r->type == CLI_DOUBLE)
-        return cli_arg_double(st, r->name, text, r->lo, r->hi);
-    return (double)cli_arg_whole(st, r->name, text, (int64_t)r->lo, (int64_t)r->hi);
+        return cli_arg_double(st, arg_name(r), text, r->lo, r->hi);
+    return (double)cli_arg_whole(st, arg_name(r), text, (int64_t)r->lo, (int64_t)r->hi);
 }
-
-#define ARG_ROW_KEY 0x10000 /* to 0x1ffff; a command's own keys are below, argp's above */
 
 const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_option *room)
 {
@@ -101,9 +111,10 @@ const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_optio
         if (r->name == NULL)
             group = ++heading;
         room[i] = (struct argp_option){
-            .name = r->name,
+            .name = arg_name(r),
             .key = r->name == NULL      ? 0
                    : r->type == CLI_OWN ? (int)r->at
+                   : arg_has_letter(r)  ? r->name[0]
                                         : ARG_ROW_KEY + i,
             .arg = optional ? r->arg + 1 : r->arg,
             .flags = optional ? OPTION_ARG_OPTIONAL : 0,
@@ -118,20 +129,23 @@ const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_optio
 error_t cli_row(const struct cli_row *rows, int key, const char *text, struct argp_state *st,
                 void *out)
 {
-    if (key >> 16 != 1)
+    const struct cli_row *r = rows;
+    while (r->help != NULL && !(arg_has_letter(r) && r->type != CLI_OWN && r->name[0] == key) &&
+           ARG_ROW_KEY + (r - rows) != key)
+        r++;
+    if (r->help == NULL)
         return ARGP_ERR_UNKNOWN;
-    const struct cli_row *r = &rows[key - ARG_ROW_KEY];
     void *at = (char *)out + r->at;
     switch (r->type) {
     case CLI_BOOL:
-        *(bool *)at = r->arg == NULL || cli_arg_word(st, r->name, text, r->arg) == 1;
+        *(bool *)at = r->arg == NULL || cli_arg_word(st, arg_name(r), text, r->arg) == 1;
         break;
     case CLI_TEXT: *(const char **)at = text; break;
     case CLI_INT: *(int32_t *)at = (int32_t)arg_number(st, r, text); break;
     case CLI_UINT: *(uint32_t *)at = (uint32_t)arg_number(st, r, text); break;
     case CLI_INT64: /* not through a double */
         *(int64_t *)at = r->hi > r->lo && strchr(r->arg, '|') == NULL
-                             ? cli_arg_whole(st, r->name, text, (int64_t)r->lo, (int64_t)r->hi)
+                             ? cli_arg_whole(st, arg_name(r), text, (int64_t)r->lo, (int64_t)r->hi)
                              : (int64_t)arg_number(st, r, text);
         break;
     case CLI_FLOAT: *(float *)at = (float)arg_number(st, r, text); break;
@@ -140,6 +154,15 @@ error_t cli_row(const struct cli_row *rows, int key, const char *text, struct ar
     case CLI_OWN: return ARGP_ERR_UNKNOWN;
     }
     return 0;
+}
+
+void cli_parse(const struct cli_row *rows, const struct argp *like, unsigned flags, int argc,
+               char **argv, void *out)
+{
+    struct argp_option room[64];
+    struct argp argp = *like;
+    argp.options = cli_rows(rows, room);
+    (void)argp_parse(&argp, argc, argv, flags, NULL, out); /* does not return from an error */
 }
 
 enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text)

@@ -1,13 +1,13 @@
 /* arg.h - options of the commands: one table with a row for each option, and reading the values of options.
  *
  * A row has the option's name, the place of its value, the limits of the value, and the text for --help.
- * A command gives its rows to cli_rows, which makes the options of argp from them.  Its argp parser gives all
+ * A command gives its rows to cli_parse, which makes the options of argp from them.  Its argp parser gives all
  * options that are not its own to cli_row:
  *
  *     #define AT(field) CLI_AT(struct render_options, field)
  *     static const struct cli_row rows[] = {
  *         {"fps", "N", AT(fps), 1, 100, "pictures a second (default 15)"},
- *         {"quiet", NULL, AT(quiet), 0, 0, "no progress"},
+ *         {"q|quiet", NULL, AT(quiet), 0, 0, "no progress"}, // -q or --quiet
  *         {0}};
  *
  * The functions below read `text`, the value of option --name.  A wrong value ends the program as
@@ -61,6 +61,9 @@ const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_optio
 /* Store the value of option `key` in the struct `out`.  ARGP_ERR_UNKNOWN: no row has this key. */
 error_t cli_row(const struct cli_row *rows, int key, const char *text, struct argp_state *st,
                 void *out);
+/* argp_parse with the options of the rows, at most 63, and all else of `like`, into the struct `out`. */
+void cli_parse(const struct cli_row *rows, const struct argp *like, unsigned flags, int argc,
+               char **argv, void *out);
 
 void cli_arg_int(struct argp_state *st, const char *name, const char *text, int64_t lo, int64_t hi,
                  int64_t *out);

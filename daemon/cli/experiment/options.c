@@ -102,13 +102,9 @@ static const char doc[] =
 
 void experiment_parse(int argc, char **argv, struct experiment_options *o)
 {
-    struct argp_option options[sizeof rows / sizeof *rows];
     const struct argp_child children[] = {{opt_rig_argp(), 0, "", 1}, {0}};
-    const struct argp argp = {.options = cli_rows(rows, options),
-                              .parser = experiment_options_parse,
-                              .args_doc = "FRAMES",
-                              .children = children,
-                              .doc = doc};
+    const struct argp argp = {
+        .parser = experiment_options_parse, .args_doc = "FRAMES", .children = children, .doc = doc};
     *o = (struct experiment_options){.rig = OPT_RIG_INIT,
                                      .grids = {32, 48, 64, 72, 96},
                                      .n_grids = 5,
@@ -117,5 +113,5 @@ void experiment_parse(int argc, char **argv, struct experiment_options *o)
                                      .frames_max = 100};
     o->frame = rec_frame_defaults;
     o->frame.trust_all = true; /* an experiment must show a wrong camera, not hide it */
-    argp_parse(&argp, argc, argv, 0, NULL, o);
+    cli_parse(rows, &argp, 0, argc, argv, o);
 }

@@ -1,6 +1,5 @@
 #include "daemon/cli/pictures/render_options.h"
 
-#include <argp.h>
 #include <math.h>
 #include <string.h>
 
@@ -219,9 +218,7 @@ static error_t render_options_parse(int key, char *arg, struct argp_state *state
 
 void render_parse(int argc, char **argv, struct render_options *o)
 {
-    struct argp_option options[sizeof rows / sizeof *rows];
     const struct argp parser = {
-        .options = cli_rows(rows, options),
         .parser = render_options_parse,
         .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR|OUT.(apng|mp4)\n"
                     "--video FILE VOLDIR|VOL.npy...",
@@ -258,7 +255,7 @@ void render_parse(int argc, char **argv, struct render_options *o)
                                  .sub = 2,
                                  .fps = 15,
                                  .look = {.exposure = -1, .gamma = -1, .depth = 8}};
-    argp_parse(&parser, argc, argv, 0, NULL, o);
+    cli_parse(rows, &parser, 0, argc, argv, o);
     bool recorded = o->from == RENDER_CAMERA && !o->room;
     o->elevation_deg = o->room ? 20 : 5;
     if (o->look.gamma < 0)

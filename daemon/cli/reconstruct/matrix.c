@@ -200,14 +200,10 @@ static int run_with(const struct options *o, pvx_pool *pool)
 static int matrix_run(int argc, char **argv)
 {
     struct options o = {.rig = OPT_RIG_INIT};
-    struct argp_option options[sizeof rows / sizeof *rows];
     const struct argp_child children[] = {{opt_rig_argp(), 0, NULL, 0}, {0}};
-    const struct argp argp = {.options = cli_rows(rows, options),
-                              .parser = matrix_parse,
-                              .doc = doc,
-                              .children = children};
+    const struct argp argp = {.parser = matrix_parse, .doc = doc, .children = children};
     pvx_pool *pool;
-    argp_parse(&argp, argc, argv, 0, NULL, &o);
+    cli_parse(rows, &argp, 0, argc, argv, &o);
     pvx_err e = pvx_pool_new(o.rig.threads, "matrix", &pool);
     if (e != PVX_OK)
         return cli_error(NULL, e);

@@ -301,10 +301,8 @@ static char *reconstruct_said(int argc, char **argv)
 
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
 {
-    struct argp_option options[sizeof rows / sizeof *rows];
     const struct argp_child children[] = {{opt_rig_argp(), 0, "", 1}, {0}};
     const struct argp argp = {
-        .options = cli_rows(rows, options),
         .parser = reconstruct_options_parse,
         .children = children,
         .help_filter = help_text,
@@ -346,6 +344,6 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                                       .fit_frames = 50,
                                       .memory = -1};
     o->frame = rec_frame_defaults;
-    argp_parse(&argp, argc, argv, 0, NULL, o);
+    cli_parse(rows, &argp, 0, argc, argv, o);
     o->said = reconstruct_said(argc, argv);
 }

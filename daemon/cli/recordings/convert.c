@@ -1,5 +1,4 @@
 /* pyrovox convert - a recording of volumes in another format. */
-#include <argp.h>
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,5 +1,4 @@
 /* pyrovox play - a recording of volumes published again, to develop a client without a rig. */
-#include <argp.h>
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -32,41 +31,35 @@ struct play {
     uint64_t published, session, gap; /* gap: the next gap of the recording to publish */
 };
 
-enum { OPT_LOOP = 256, OPT_CLIENTS, OPT_INSECURE };
+#define AT(field) CLI_AT(struct play, field)
 
-static const struct argp_option options[] = {
-    {"speed", 's', "F", 0,
-     "F times as fast as it was recorded (default 1); 0: as fast as subscribers take them", 0},
-    {"loop", OPT_LOOP, NULL, 0, "Repeat; each round is a new session", 0},
-    {"endpoint", 'e', "ENDPOINT", 0, "Where to publish (default: where a local daemon would)", 0},
-    {"key", 'k', "FILE", 0, "The server's .key file, for an address that other hosts reach", 0},
-    {"clients", OPT_CLIENTS, "FILE", 0, "The list of clients that may read; with --key", 0},
-    {"insecure", OPT_INSECURE, NULL, 0, "Serve every client that reaches the address", 0},
-    {"quiet", 'q', NULL, 0, "Print nothing", 0},
+static const struct cli_row rows[] = {
+    {"s|speed", "F", AT(speed), 0, 1000,
+     "F times as fast as it was recorded (default 1); 0: as fast as subscribers take them"},
+    {"loop", NULL, AT(loop), 0, 0, "Repeat; each round is a new session"},
+    {"e|endpoint", "ENDPOINT", AT(endpoint), 0, 0,
+     "Where to publish (default: where a local daemon would)"},
+    {"k|key", "FILE", AT(server), 0, 0,
+     "The server's .key file, for an address that other hosts reach"},
+    {"clients", "FILE", AT(clients), 0, 0, "The list of clients that may read; with --key"},
+    {"insecure", NULL, AT(insecure), 0, 0, "Serve every client that reaches the address"},
+    {"q|quiet", NULL, AT(quiet), 0, 0, "Print nothing"},
     {0}};
 
 static error_t play_parse(int key, char *arg, struct argp_state *state)
 {
     struct play *p = state->input;
     switch (key) {
-    case 's': p->speed = cli_arg_double(state, "speed", arg, 0, 1000); return 0;
-    case OPT_LOOP: p->loop = true; return 0;
-    case 'e': p->endpoint = arg; return 0;
-    case 'k': p->server = arg; return 0;
-    case OPT_CLIENTS: p->clients = arg; return 0;
-    case OPT_INSECURE: p->insecure = true; return 0;
-    case 'q': p->quiet = true; return 0;
     case ARGP_KEY_ARG: cli_arg_one(state, "recording", arg, &p->file); return 0;
     case ARGP_KEY_END:
         if (p->file == NULL)
             argp_error(state, "name a recording of volumes");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, state, p);
     }
 }
 
 static const struct argp argp = {
-    .options = options,
     .parser = play_parse,
     .args_doc = "FILE",
     .doc = "Publish a recording of volumes as the daemon published them. You can develop a "
@@ -247,7 +240,7 @@ static int play_run(int argc, char **argv)
 {
     struct play p = {.endpoint = dmn_default_endpoint(DMN_VOLUMES), .speed = 1};
     struct pvx_diag d = {""};
-    argp_parse(&argp, argc, argv, 0, NULL, &p);
+    cli_parse(rows, &argp, 0, argc, argv, &p);
     cli_catch_stop();
     pvx_err e = may_publish(&p, &d);
     if (e == PVX_OK)

@@ -1,5 +1,4 @@
 /* pyrovox record - a subscriber that writes the volumes to disk. */
-#include <argp.h>
 #include <cjson/cJSON.h>
 #include <errno.h>
 #include <limits.h>

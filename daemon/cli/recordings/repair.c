@@ -1,5 +1,4 @@
 /* pyrovox repair - finish a recording of volumes that was cut off. */
-#include <argp.h>
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 /* replay.c - `pyrovox replay`: play a take through the daemon again, describe it, or export it as files.
  *
  * Playing runs pyrovoxd with the configuration and the rig that are in the take, and take: cameras. */
-#include <argp.h>
 #include <errno.h>
 #include <limits.h>
 #include <signal.h>

@@ -1,18 +1,16 @@
 /* ctl.c - `pyrovox ctl`: send a command of the daemon's own table to a running daemon. */
-#include <argp.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/control/commands.h"
 
 #define WORDS_MAX 4
-
-enum { OPT_JSON = 0x100, OPT_CONTROL };
 
 struct args {
     const char *endpoint, *key;
@@ -21,12 +19,14 @@ struct args {
     const char *word[WORDS_MAX + 2]; /* the command first, NULL last */
 };
 
-static const struct argp_option options[] = {
-    {"control", OPT_CONTROL, "ENDPOINT", 0,
-     "the daemon's control.endpoint, default the user's own daemon, else the system's", 0},
-    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
-     0},
-    {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"control", "ENDPOINT", AT(endpoint), 0, 0,
+     "the daemon's control.endpoint, default the user's own daemon, else the system's"},
+    {"k|key", "FILE", AT(key), 0, 0,
+     "your .key file of `pyrovox keygen`, for a daemon that asks for one"},
+    {"json", NULL, AT(json), 0, 0, "print the answer as it came"},
     {0}};
 
 static const char doc[] = "Tell a running pyrovoxd something.\v";
@@ -61,9 +61,6 @@ static error_t ctl_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case OPT_CONTROL: a->endpoint = arg; return 0;
-    case 'k': a->key = arg; return 0;
-    case OPT_JSON: a->json = true; return 0;
     case ARGP_KEY_ARG:
         if (a->n > WORDS_MAX)
             argp_error(st, "'%s': too many words", arg);
@@ -78,7 +75,7 @@ static error_t ctl_parse(int key, char *arg, struct argp_state *st)
         else if (dmn_command_find(a->word[0]) == NULL)
             argp_error(st, "no command '%s'; --help lists them", a->word[0]);
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -124,12 +121,9 @@ static void ctl_print(const cJSON *reply, const char *command)
 static int ctl_run(int argc, char **argv)
 {
     struct args a = {0};
-    const struct argp argp = {.options = options,
-                              .parser = ctl_parse,
-                              .args_doc = "COMMAND [WORDS]",
-                              .doc = doc,
-                              .help_filter = ctl_help};
-    argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, &a);
+    const struct argp argp = {
+        .parser = ctl_parse, .args_doc = "COMMAND [WORDS]", .doc = doc, .help_filter = ctl_help};
+    cli_parse(rows, &argp, ARGP_IN_ORDER, argc, argv, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
     struct pvx_diag d = {""};

@@ -1,5 +1,4 @@
 /* demo.c - `pyrovox demo`: simulated cameras, daemon and subscriber together; `make run`. */
-#include <argp.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -30,17 +29,7 @@
 #define STOP_LIMIT_S  10
 #define SEED          1
 
-enum {
-    OPT_SECONDS = 0x100,
-    OPT_FPS,
-    OPT_CAMERAS,
-    OPT_SIZE,
-    OPT_GRID,
-    OPT_FORMAT,
-    OPT_OUT,
-    OPT_KEEP,
-    OPT_VIEW
-};
+enum { OPT_SIZE = 0x100, OPT_FORMAT };
 
 struct args {
     double seconds, fps;
@@ -65,17 +54,19 @@ struct demo {
     char png[PATH_MAX];
 };
 
-static const struct argp_option options[] = {
-    {"seconds", OPT_SECONDS, "N", 0, "end by itself after N seconds; 0 = at Ctrl-C (default)", 0},
-    {"fps", OPT_FPS, "HZ", 0, "frames per second of each camera (20)", 0},
-    {"cameras", OPT_CAMERAS, "N", 0, "cameras on a ring (8)", 0},
-    {"size", OPT_SIZE, "WxH", 0, "image size (640x480)", 0},
-    {"grid", OPT_GRID, "N", 0, "voxels per side (64)", 0},
-    {"format", OPT_FORMAT, "FORMAT", 0, "rgb8 (default), mono8 or bayerrg8", 0},
-    {"out", OPT_OUT, "DIR", 0, "folder for flame.png, default build if it is there, else here", 0},
-    {"view", OPT_VIEW, NULL, 0, "the flame in a browser too: opens the page, and says its address",
-     0},
-    {"keep", OPT_KEEP, NULL, 0, "keep the run folder: rig, configuration, log", 0},
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"seconds", "N", AT(seconds), 0, 1e6, "end by itself after N seconds; 0 = at Ctrl-C (default)"},
+    {"fps", "HZ", AT(fps), 0.5, 200, "frames per second of each camera (20)"},
+    {"cameras", "N", AT(cameras), 2, 64, "cameras on a ring (8)"},
+    {"size", "WxH", CLI_KEY(OPT_SIZE), 0, 0, "image size (640x480)"},
+    {"grid", "N", AT(grid), 4, 256, "voxels per side (64)"},
+    {"format", "FORMAT", CLI_KEY(OPT_FORMAT), 0, 0, "rgb8 (default), mono8 or bayerrg8"},
+    {"out", "DIR", AT(out), 0, 0, "folder for flame.png, default build if it is there, else here"},
+    {"view", NULL, AT(view), 0, 0,
+     "the flame in a browser too: opens the page, and says its address"},
+    {"keep", NULL, AT(keep), 0, 0, "keep the run folder: rig, configuration, log"},
     {0}};
 
 static const char doc[] =
@@ -95,21 +86,14 @@ static error_t demo_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case OPT_SECONDS: a->seconds = cli_arg_double(st, "seconds", arg, 0, 1e6); return 0;
-    case OPT_FPS: a->fps = cli_arg_double(st, "fps", arg, 0.5, 200); return 0;
-    case OPT_CAMERAS: cli_arg_int(st, "cameras", arg, 2, 64, &a->cameras); return 0;
-    case OPT_GRID: cli_arg_int(st, "grid", arg, 4, 256, &a->grid); return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 16, 4096, &a->width, &a->height); return 0;
     case OPT_FORMAT:
         if (strcmp(arg, "rgb8") != 0 && strcmp(arg, "mono8") != 0 && strcmp(arg, "bayerrg8") != 0)
             argp_error(st, "--format %s: should be rgb8, mono8 or bayerrg8", arg);
         a->format = arg;
         return 0;
-    case OPT_OUT: a->out = arg; return 0;
-    case OPT_KEEP: a->keep = true; return 0;
-    case OPT_VIEW: a->view = true; return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -423,8 +407,8 @@ static int demo_run(int argc, char **argv)
         return cli_error(NULL, PVX_ENOMEM);
     m->a = (struct args){
         .fps = 20, .cameras = 8, .width = 640, .height = 480, .grid = 64, .format = "rgb8"};
-    const struct argp argp = {.options = options, .parser = demo_parse, .doc = doc};
-    argp_parse(&argp, argc, argv, 0, NULL, &m->a);
+    const struct argp argp = {.parser = demo_parse, .doc = doc};
+    cli_parse(rows, &argp, 0, argc, argv, &m->a);
     m->ring = (long long)(2 * m->a.fps + 0.5); /* two seconds of flame */
     cli_catch_stop();
     struct pvx_diag d = {0};

@@ -1,5 +1,4 @@
 /* keygen.c - `pyrovox keygen`: make a key for a daemon that is reached over the network, or for a client of it. */
-#include <argp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -7,17 +6,17 @@
 #include "daemon/cli/common/cli.h"
 #include "proto/keys.h"
 
-enum { OPT_CONTROL = 0x100 };
-
 struct args {
     const char *name, *server;
     bool control;
 };
 
-static const struct argp_option options[] = {
-    {"server", 's', "FILE.pub", 0,
-     "the key is a client's: FILE.pub is that of the daemon, which it is for", 0},
-    {"control", OPT_CONTROL, NULL, 0, "NAME.pub asks for control, not only to read volumes", 0},
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"s|server", "FILE.pub", AT(server), 0, 0,
+     "the key is a client's: FILE.pub is that of the daemon, which it is for"},
+    {"control", NULL, AT(control), 0, 0, "NAME.pub asks for control, not only to read volumes"},
     {0}};
 
 static const char doc[] = "Make NAME.key, which stays with its owner (mode 0600), and NAME.pub, a "
@@ -38,14 +37,12 @@ static error_t keygen_parse(int key, char *arg, struct argp_state *state)
 {
     struct args *a = state->input;
     switch (key) {
-    case 's': a->server = arg; return 0;
-    case OPT_CONTROL: a->control = true; return 0;
     case ARGP_KEY_ARG: cli_arg_one(state, "name", arg, &a->name); return 0;
     case ARGP_KEY_END:
         if (a->name == NULL)
             argp_error(state, "no name given");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, state, a);
     }
 }
 
@@ -63,9 +60,8 @@ static pvx_err server_key(const char *path, char out[PVP_KEY_TEXT], struct pvx_d
 static int keygen_run(int argc, char **argv)
 {
     struct args a = {0};
-    const struct argp argp = {
-        .options = options, .parser = keygen_parse, .args_doc = "NAME", .doc = doc};
-    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    const struct argp argp = {.parser = keygen_parse, .args_doc = "NAME", .doc = doc};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     struct pvp_key_pair k;
     struct pvx_diag d = {""};
     pvx_err e = pvp_key_make(&k, &d);

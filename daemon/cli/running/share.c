@@ -1,5 +1,4 @@
 /* pyrovox share - the newest volume in shared memory, for programs of this host. */
-#include <argp.h>
 #include <errno.h>
 #include <poll.h>
 #include <stdio.h>
@@ -34,16 +33,19 @@ struct share {
     bool full, told_waiting;
 };
 
-enum { OPT_READERS = 256, OPT_SPLIT };
+enum { OPT_READERS = 256 };
 
-static const struct argp_option options[] = {
-    {"endpoint", 'e', "ENDPOINT", 0, "Where the daemon publishes (default: the local daemon)", 0},
-    {"key", 'k', "FILE", 0, "Your .key file of `pyrovox keygen`, for a daemon that asks for one",
-     0},
-    {"readers", OPT_READERS, "me|group|all", 0, "Users that may read it (default: me)", 0},
-    {"split", OPT_SPLIT, NULL, 0,
-     "Three colours as grids red, green and blue instead of one of vectors, emission", 0},
-    {"quiet", 'q', NULL, 0, "No status line", 0},
+#define AT(field) CLI_AT(struct share, field)
+
+static const struct cli_row rows[] = {
+    {"e|endpoint", "ENDPOINT", AT(endpoint), 0, 0,
+     "Where the daemon publishes (default: the local daemon)"},
+    {"k|key", "FILE", AT(key), 0, 0,
+     "Your .key file of `pyrovox keygen`, for a daemon that asks for one"},
+    {"readers", "me|group|all", CLI_KEY(OPT_READERS), 0, 0, "Users that may read it (default: me)"},
+    {"split", NULL, AT(config.split), 0, 0,
+     "Three colours as grids red, green and blue instead of one of vectors, emission"},
+    {"q|quiet", NULL, AT(quiet), 0, 0, "No status line"},
     {0}};
 
 static error_t share_parse(int key, char *arg, struct argp_state *st)
@@ -52,11 +54,7 @@ static error_t share_parse(int key, char *arg, struct argp_state *st)
     static const mode_t modes[] = {0600, 0640, 0644};
     struct share *s = st->input;
     switch (key) {
-    case 'e': s->endpoint = arg; return 0;
-    case 'k': s->key = arg; return 0;
     case OPT_READERS: s->config.mode = modes[cli_arg_choice(st, "readers", arg, readers)]; return 0;
-    case OPT_SPLIT: s->config.split = true; return 0;
-    case 'q': s->quiet = true; return 0;
     case ARGP_KEY_ARG:
         if (s->config.name == NULL)
             s->config.name = arg;
@@ -69,12 +67,11 @@ static error_t share_parse(int key, char *arg, struct argp_state *st)
         if (s->file != NULL && (s->endpoint != NULL || s->key != NULL))
             argp_error(st, "a recording has no --endpoint or --key");
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, s);
     }
 }
 
 static const struct argp argp = {
-    .options = options,
     .parser = share_parse,
     .args_doc = "NAME [FILE]",
     .doc =
@@ -259,7 +256,7 @@ static int share_run(int argc, char **argv)
 {
     struct share s = {.config.mode = 0600};
     struct pvx_diag d = {""};
-    argp_parse(&argp, argc, argv, 0, NULL, &s);
+    cli_parse(rows, &argp, 0, argc, argv, &s);
     if (s.endpoint == NULL)
         s.endpoint = dmn_client_endpoint(DMN_VOLUMES);
     cli_catch_stop();

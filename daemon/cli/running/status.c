@@ -1,5 +1,4 @@
 /* status.c - `pyrovox status`: print the status of a running daemon once. */
-#include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -9,22 +8,22 @@
 #include "daemon/cli/running/status_cameras.h"
 #include "daemon/config/endpoints.h"
 
-enum { OPT_JSON = 0x100, OPT_STOP, OPT_TIMEOUT };
-
 struct args {
     const char *endpoint, *key;
     bool json, stop;
     double timeout_s;
 };
 
-static const struct argp_option options[] = {
-    {"endpoint", 'e', "ENDPOINT", 0,
-     "the daemon's control.endpoint, default the user's own daemon, else the system's", 0},
-    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
-     0},
-    {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
-    {"stop", OPT_STOP, NULL, 0, "ask the daemon to drain and end", 0},
-    {"timeout", OPT_TIMEOUT, "SECONDS", 0, "wait so long for an answer (2)", 0},
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"e|endpoint", "ENDPOINT", AT(endpoint), 0, 0,
+     "the daemon's control.endpoint, default the user's own daemon, else the system's"},
+    {"k|key", "FILE", AT(key), 0, 0,
+     "your .key file of `pyrovox keygen`, for a daemon that asks for one"},
+    {"json", NULL, AT(json), 0, 0, "print the answer as it came"},
+    {"stop", NULL, AT(stop), 0, 0, "ask the daemon to drain and end"},
+    {"timeout", "SECONDS", AT(timeout_s), 0.01, 3600, "wait so long for an answer (2)"},
     {0}};
 
 static const char doc[] =
@@ -41,13 +40,8 @@ static error_t status_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case 'e': a->endpoint = arg; return 0;
-    case 'k': a->key = arg; return 0;
-    case OPT_JSON: a->json = true; return 0;
-    case OPT_STOP: a->stop = true; return 0;
-    case OPT_TIMEOUT: a->timeout_s = cli_arg_double(st, "timeout", arg, 0.01, 3600); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
@@ -129,8 +123,8 @@ static void print_tables(const cJSON *s)
 static int status_run(int argc, char **argv)
 {
     struct args a = {.timeout_s = 2};
-    const struct argp argp = {.options = options, .parser = status_parse, .doc = doc};
-    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    const struct argp argp = {.parser = status_parse, .doc = doc};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
     struct pvx_diag d = {0};

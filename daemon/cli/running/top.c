@@ -1,5 +1,4 @@
 /* top.c - `pyrovox top`: the live screen of a running daemon. */
-#include <argp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -10,7 +9,7 @@
 #include "daemon/cli/running/screen.h"
 #include "daemon/config/endpoints.h"
 
-enum { OPT_TRUTH = 0x100, OPT_SECONDS };
+enum { OPT_TRUTH = 0x100 };
 
 struct args {
     const char *endpoint, *key;
@@ -18,16 +17,17 @@ struct args {
     double seconds;
 };
 
-static const struct argp_option options[] = {
-    {"endpoint", 'e', "ENDPOINT", 0,
-     "where the volumes are published, default the user's own daemon, else the system's", 0},
-    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
-     0},
-    {"truth", OPT_TRUTH, "SEED,PERIOD[,FPS]", 0,
+#define AT(field) CLI_AT(struct args, field)
+
+static const struct cli_row rows[] = {
+    {"e|endpoint", "ENDPOINT", AT(endpoint), 0, 0,
+     "where the volumes are published, default the user's own daemon, else the system's"},
+    {"k|key", "FILE", AT(key), 0, 0,
+     "your .key file of `pyrovox keygen`, for a daemon that asks for one"},
+    {"truth", "SEED,PERIOD[,FPS]", CLI_KEY(OPT_TRUTH), 0, 0,
      "compare with the known flame of sim: cameras (sim.seed, sim.period_s) or of `pyrovox "
-     "simcams` (--seed, --ring/--fps, --fps)",
-     0},
-    {"seconds", OPT_SECONDS, "N", 0, "end by itself after N seconds (0: never, the default)", 0},
+     "simcams` (--seed, --ring/--fps, --fps)"},
+    {"seconds", "N", AT(seconds), 0, 1e9, "end by itself after N seconds (0: never, the default)"},
     {0}};
 
 static const char doc[] =
@@ -45,9 +45,6 @@ static error_t top_parse(int key, char *arg, struct argp_state *st)
     int64_t seed = 0;
     size_t n = 0;
     switch (key) {
-    case 'e': a->endpoint = arg; return 0;
-    case 'k': a->key = arg; return 0;
-    case OPT_SECONDS: a->seconds = cli_arg_double(st, "seconds", arg, 0, 1e9); return 0;
     case OPT_TRUTH:
         snprintf(copy, sizeof copy, "%s", arg);
         for (char *p = strtok_r(copy, ",", &save); p != NULL; p = strtok_r(NULL, ",", &save))
@@ -62,15 +59,15 @@ static error_t top_parse(int key, char *arg, struct argp_state *st)
         a->truth.known = true;
         return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
 static int top_run(int argc, char **argv)
 {
     struct args a = {0};
-    const struct argp argp = {.options = options, .parser = top_parse, .doc = doc};
-    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    const struct argp argp = {.parser = top_parse, .doc = doc};
+    cli_parse(rows, &argp, 0, argc, argv, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_VOLUMES);
     cli_catch_stop();

@@ -1,5 +1,4 @@
 /* pyrovox view - the flame in a browser: a daemon's volumes, or a recording's. */
-#include <argp.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>

@@ -1,90 +1,61 @@
 #include "daemon/cli/simcams/options.h"
 
-#include <argp.h>
 #include <string.h>
 
 #include "daemon/cli/common/arg.h"
 
-enum {
-    OPT_RIG = 0x100,
-    OPT_CAMERAS,
-    OPT_SIZE,
-    OPT_RADIUS,
-    OPT_HEIGHT,
-    OPT_VOXELS,
-    OPT_ADDRESS,
-    OPT_FORMAT,
-    OPT_FPS,
-    OPT_RING,
-    OPT_SEED,
-    OPT_BLACK,
-    OPT_NOISE,
-    OPT_SUB,
-    OPT_MAX_MEMORY,
-    OPT_BOARD,
-    OPT_POSES,
-    OPT_HOLD,
-    OPT_WRITE_RIG,
-    OPT_WRITE_FRAMES,
-    OPT_SET,
-    OPT_AT,
-    OPT_TICK_HZ,
-    OPT_PTP_MS,
-    OPT_BOOT_CLOCK,
-    OPT_ZIP,
-    OPT_CONTROL,
-    OPT_PRIVATE_NET,
-};
+enum { OPT_SIZE = 0x100, OPT_FORMAT, OPT_NOISE, OPT_SET, OPT_AT };
 
-static const struct argp_option options[] = {
-    {NULL, 0, NULL, 0, "Cameras:", 1},
-    {"rig", OPT_RIG, "FILE", 0, "serve the cameras of this rig.yaml", 1},
-    {"cameras", OPT_CAMERAS, "N", 0, "without --rig: N cameras on a ring (8)", 1},
-    {"size", OPT_SIZE, "WxH", 0, "without --rig: image size in pixels (640x480)", 1},
-    {"radius", OPT_RADIUS, "METRES", 0, "without --rig: radius of the ring (2.5)", 1},
-    {"height", OPT_HEIGHT, "METRES", 0,
+#define AT(field) CLI_AT(struct simcams_args, field)
+
+static const struct cli_row rows[] = {
+    {.help = "Cameras:"},
+    {"rig", "FILE", AT(rig), 0, 0, "serve the cameras of this rig.yaml"},
+    {"cameras", "N", AT(cameras), 1, REC_MAX_CAMERAS, "without --rig: N cameras on a ring (8)"},
+    {"size", "WxH", CLI_KEY(OPT_SIZE), 0, 0, "without --rig: image size in pixels (640x480)"},
+    {"radius", "METRES", AT(radius), 0.8, 100, "without --rig: radius of the ring (2.5)"},
+    {"height", "METRES", AT(raise), 0, 100,
      "without --rig: height of the cameras above the middle of the volume (0). To see a board on "
-     "the floor, take half the radius or more",
-     1},
-    {"voxels", OPT_VOXELS, "N", 0, "without --rig: voxels per side, for --write-rig (64)", 1},
-    {"write-rig", OPT_WRITE_RIG, "FILE", 0, "write the rig of these cameras as rig.yaml", 1},
-    {"write-frames", OPT_WRITE_FRAMES, "DIR", 0,
-     "serve nothing; write the images as DIR/<camera>/<6 digits>.png for pyrovox reconstruct", 1},
-    {"address", OPT_ADDRESS, "IPV4", 0,
-     "address of the first camera; the others follow (127.0.0.2)", 1},
-    {"private-net", OPT_PRIVATE_NET, NULL, 0,
-     "make a private network and run COMMAND in it; needs no root", 1},
-    {NULL, 0, NULL, 0, "Images:", 2},
-    {"format", OPT_FORMAT, "FORMAT", 0, "mono8, rgb8 (default) or bayerrg8", 2},
-    {"fps", OPT_FPS, "HZ", 0,
-     "images per second of the flame's motion (15). The client sets the frame rate", 2},
-    {"ring", OPT_RING, "N", 0, "images per camera, rendered first and then repeated (30)", 2},
-    {"seed", OPT_SEED, "N", 0, "another number is another flame (1)", 2},
-    {"black", OPT_BLACK, "PERCENT", 0, "black level, share of full scale (2)", 2},
-    {"noise", OPT_NOISE, "PERCENT[,G,B]", 0,
+     "the floor, take half the radius or more"},
+    {"voxels", "N", AT(voxels), 1, REC_GRID_MAX,
+     "without --rig: voxels per side, for --write-rig (64)"},
+    {"write-rig", "FILE", AT(write_rig), 0, 0, "write the rig of these cameras as rig.yaml"},
+    {"write-frames", "DIR", AT(write_frames), 0, 0,
+     "serve nothing; write the images as DIR/<camera>/<6 digits>.png for pyrovox reconstruct"},
+    {"address", "IPV4", AT(address), 0, 0,
+     "address of the first camera; the others follow (127.0.0.2)"},
+    {"private-net", NULL, AT(private_net), 0, 0,
+     "make a private network and run COMMAND in it; needs no root"},
+    {.help = "Images:"},
+    {"format", "FORMAT", CLI_KEY(OPT_FORMAT), 0, 0, "mono8, rgb8 (default) or bayerrg8"},
+    {"fps", "HZ", AT(fps), 0.1, 1000,
+     "images per second of the flame's motion (15). The client sets the frame rate"},
+    {"ring", "N", AT(ring), 1, 100000, "images per camera, rendered first and then repeated (30)"},
+    {"seed", "N", AT(seed), 0, UINT32_MAX, "another number is another flame (1)"},
+    {"black", "PERCENT", AT(black), 0, 50, "black level, share of full scale (2)"},
+    {"noise", "PERCENT[,G,B]", CLI_KEY(OPT_NOISE), 0, 0,
      "standard deviation of Gaussian noise, share of full scale (0.5); one number, or one each "
-     "for red, green and blue",
-     2},
-    {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (1)", 2},
-    {"board", OPT_BOARD, "SPEC", 0,
+     "for red, green and blue"},
+    {"sub", "N", AT(sub), 1, 16, "N x N rays per pixel (1)"},
+    {"board", "SPEC", AT(board), 0, 0,
      "show a calibration board instead of the flame; SPEC as for `pyrovox calibrate board`. It "
-     "lies on the floor first, then goes from pose to pose through the volume",
-     2},
-    {"poses", OPT_POSES, "N", 0, "with --board: number of poses before the first returns (30)", 2},
-    {"hold", OPT_HOLD, "SECONDS", 0,
-     "with --board: time at each pose once all cameras send (2); 0: until a line `pose NUMBER`", 2},
-    {"max-memory", OPT_MAX_MEMORY, "MIB", 0, "most memory for the images (1024)", 2},
-    {NULL, 0, NULL, 0, "Clocks and GenICam:", 3},
-    {"tick-hz", OPT_TICK_HZ, "HZ", 0, "rate of the cameras' clocks without PTP (1e9)", 3},
-    {"boot-clock", OPT_BOOT_CLOCK, NULL, 0, "these clocks count from the start, not from 1970", 3},
-    {"ptp-ms", OPT_PTP_MS, "MS", 0, "time from PtpEnable to Slave (2000)", 3},
-    {"zip-xml", OPT_ZIP, NULL, 0, "serve the GenICam file zipped", 3},
-    {NULL, 0, NULL, 0, "Faults and orders (LINE: see below):", 4},
-    {"set", OPT_SET, "LINE", 0, "from the start, before images are made; may be repeated", 4},
-    {"at", OPT_AT, "S:LINE", 0, "S seconds after the start; may be repeated", 4},
-    {"control", OPT_CONTROL, NULL, 0, "read lines on standard input", 4},
-    {0},
-};
+     "lies on the floor first, then goes from pose to pose through the volume"},
+    {"poses", "N", AT(poses), 1, 10000,
+     "with --board: number of poses before the first returns (30)"},
+    {"hold", "SECONDS", AT(hold_s), 0, 1e6,
+     "with --board: time at each pose once all cameras send (2); 0: until a line `pose NUMBER`"},
+    {"max-memory", "MIB", AT(max_memory), 1, 1 << 24, "most memory for the images (1024)"},
+    {.help = "Clocks and GenICam:"},
+    {"tick-hz", "HZ", AT(tick_hz), 1e3, 1e10, "rate of the cameras' clocks without PTP (1e9)"},
+    {"boot-clock", NULL, AT(boot_clock), 0, 0, "these clocks count from the start, not from 1970"},
+    {"ptp-ms", "MS", AT(ptp_ms), 1, 1e6, "time from PtpEnable to Slave (2000)"},
+    {"zip-xml", NULL, AT(zip), 0, 0, "serve the GenICam file zipped"},
+    {.help = "Faults and orders (LINE: see below):"},
+    {"set", "LINE", CLI_KEY(OPT_SET), 0, 0,
+     "from the start, before images are made; may be repeated"},
+    {"at", "S:LINE", CLI_KEY(OPT_AT), 0, 0, "S seconds after the start; may be repeated"},
+    {"control", NULL, AT(control), 0, 0, "read lines on standard input"},
+    {0}};
 
 static const char doc[] =
     "Serve simulated cameras over the real GigE Vision protocol.\v"
@@ -208,43 +179,20 @@ static error_t simcams_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct simcams_args *a = st->input;
     switch (key) {
-    case OPT_RIG: a->rig = arg; return 0;
-    case OPT_WRITE_RIG: a->write_rig = arg; return 0;
-    case OPT_WRITE_FRAMES: a->write_frames = arg; return 0;
-    case OPT_ADDRESS: a->address = arg; return 0;
-    case OPT_CONTROL: a->control = true; return 0;
-    case OPT_PRIVATE_NET: a->private_net = true; return 0;
-    case OPT_CAMERAS: cli_arg_int(st, "cameras", arg, 1, REC_MAX_CAMERAS, &a->cameras); return 0;
-    case OPT_VOXELS: cli_arg_int(st, "voxels", arg, 1, REC_GRID_MAX, &a->voxels); return 0;
-    case OPT_RING: cli_arg_int(st, "ring", arg, 1, 100000, &a->ring); return 0;
-    case OPT_SEED: cli_arg_int(st, "seed", arg, 0, UINT32_MAX, &a->seed); return 0;
-    case OPT_SUB: cli_arg_int(st, "sub", arg, 1, 16, &a->sub); return 0;
-    case OPT_MAX_MEMORY: cli_arg_int(st, "max-memory", arg, 1, 1 << 24, &a->max_memory); return 0;
-    case OPT_RADIUS: a->radius = cli_arg_double(st, "radius", arg, 0.8, 100); return 0;
-    case OPT_HEIGHT: a->raise = cli_arg_double(st, "height", arg, 0, 100); return 0;
-    case OPT_BOARD: a->board = arg; return 0;
-    case OPT_POSES: cli_arg_int(st, "poses", arg, 1, 10000, &a->poses); return 0;
-    case OPT_HOLD: a->hold_s = cli_arg_double(st, "hold", arg, 0, 1e6); return 0;
-    case OPT_FPS: a->fps = cli_arg_double(st, "fps", arg, 0.1, 1000); return 0;
-    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 50); return 0;
     case OPT_NOISE: parse_noise(st, arg, a->noise); return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 8, 16384, &a->width, &a->height); return 0;
     case OPT_FORMAT: want_format(st, arg, a); return 0;
-    case OPT_BOOT_CLOCK: a->boot_clock = true; return 0;
-    case OPT_ZIP: a->zip = true; return 0;
-    case OPT_TICK_HZ: a->tick_hz = cli_arg_double(st, "tick-hz", arg, 1e3, 1e10); return 0;
-    case OPT_PTP_MS: a->ptp_ms = cli_arg_double(st, "ptp-ms", arg, 1, 1e6); return 0;
     case OPT_SET: keep_line(st, a->set, &a->n_set, arg); return 0;
     case OPT_AT: keep_line(st, a->at, &a->n_at, arg); return 0;
     case ARGP_KEY_ARG: /* the command and all words after it are not parsed */
         a->command = &st->argv[st->next - 1];
         st->next = st->argc;
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return cli_row(rows, key, arg, st, a);
     }
 }
 
-bool simcams_options(int argc, char **argv, struct simcams_args *a)
+void simcams_options(int argc, char **argv, struct simcams_args *a)
 {
     *a = (struct simcams_args){.address = "127.0.0.2",
                                .cameras = 8,
@@ -262,9 +210,7 @@ bool simcams_options(int argc, char **argv, struct simcams_args *a)
                                .black = 2,
                                .noise = {0.5, 0.5, 0.5},
                                .fmt = CAP_RGB8};
-    const struct argp argp = {.options = options,
-                              .parser = simcams_parse_opt,
-                              .args_doc = "[-- COMMAND ARGS...]",
-                              .doc = doc};
-    return argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, a) == 0;
+    const struct argp argp = {
+        .parser = simcams_parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};
+    cli_parse(rows, &argp, ARGP_IN_ORDER, argc, argv, a);
 }

@@ -21,6 +21,6 @@ struct simcams_args {
 };
 
 /* Set the defaults, then read argv.  Strings point into argv.  Like argp it ends the program on --help and wrong
- * usage (2).  False: *a must not be used. */
-bool simcams_options(int argc, char **argv, struct simcams_args *a);
+ * usage (2). */
+void simcams_options(int argc, char **argv, struct simcams_args *a);
 #endif

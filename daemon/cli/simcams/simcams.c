@@ -450,8 +450,7 @@ static int start_and_serve(struct simcams *s)
 static int simcams_run(int argc, char **argv)
 {
     struct simcams_args a;
-    if (!simcams_options(argc, argv, &a))
-        return 2;
+    simcams_options(argc, argv, &a);
     struct simcams *s = pvx_calloc(1, sizeof *s);
     if (s == NULL)
         return cli_error(NULL, PVX_ENOMEM);
