@@ -364,19 +364,15 @@ static int daemon_main_run(const struct dmn_config *cfg)
     pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
     if (e == PVX_OK && open != NULL)
         LOG_W(DAEMON, "%s is open to every host that reaches it (insecure: true)", open);
-    if (e == PVX_OK)
-        e = dmn_keys_open(cfg, &dm.auth, &d);
-    if (e == PVX_OK)
-        e = dmn_endpoint_prepare(endpoint, &d);
-    if (e == PVX_OK)
-        e = dmn_control_new(endpoint,
-                            dmn_endpoint_guarded(cfg, endpoint, DMN_CONTROL) ? dm.auth : NULL, &ops,
-                            &control, &d);
+    PVX_THEN(e, dmn_keys_open(cfg, &dm.auth, &d));
+    PVX_THEN(e, dmn_endpoint_prepare(endpoint, &d));
+    PVX_THEN(e, dmn_control_new(endpoint,
+                                dmn_endpoint_guarded(cfg, endpoint, DMN_CONTROL) ? dm.auth : NULL,
+                                &ops, &control, &d));
     if (e == PVX_OK && cfg->metrics[0] != '\0')
         e = dmn_metrics_new(cfg->metrics, cfg->insecure, metrics_state, &dm, &metrics, &d);
     struct building b = {.dm = &dm, .set = &set};
-    if (e == PVX_OK)
-        e = dmn_live_new(cfg, dm.auth, daemon_main_progress, &b, &p, &d);
+    PVX_THEN(e, dmn_live_new(cfg, dm.auth, daemon_main_progress, &b, &p, &d));
     bool started = false;
     if (e == PVX_OK) {
         started = true;
@@ -422,8 +418,7 @@ static int daemon_check(const struct dmn_config *cfg)
     else if (e == PVX_OK)
         e = dmn_keys_open(cfg, &auth, &d);
     pvp_auth_free(&auth);
-    if (e == PVX_OK)
-        e = dmn_config_rig(cfg, &rig, &d);
+    PVX_THEN(e, dmn_config_rig(cfg, &rig, &d));
     if (e != PVX_OK)
         return daemon_main_fail(&d, e);
     for (size_t i = 0; i < rig.n_cameras && e == PVX_OK; i++) {
@@ -433,8 +428,7 @@ static int daemon_check(const struct dmn_config *cfg)
             printf("%-16s %s\n", rig.cameras[i].name, uri);
     }
     fflush(stdout);
-    if (e == PVX_OK)
-        e = dmn_live_check(cfg, &d);
+    PVX_THEN(e, dmn_live_check(cfg, &d));
     if (e == PVX_OK)
         printf("%s: ok: %zu camera%s, %dx%dx%d voxels\n", cfg->name, rig.n_cameras,
                rig.n_cameras == 1 ? "" : "s", rig.grid.n[0], rig.grid.n[1], rig.grid.n[2]);

@@ -43,12 +43,10 @@ pvx_err pvp_auth_new(const char *server, const char *clients, pvp_auth **out, st
 {
     *out = NULL;
     pvp_auth *a = pvx_calloc(1, sizeof *a);
-    if (a == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(a);
     pthread_mutex_init(&a->lock, NULL);
     pvx_err e = pvp_key_read(server, &a->server, d);
-    if (e == PVX_OK)
-        e = pvp_clients_read(clients, &a->list, d);
+    PVX_THEN(e, pvp_clients_read(clients, &a->list, d));
     if (e == PVX_OK && (snprintf(a->path, sizeof a->path, "%s", clients) >= (int)sizeof a->path ||
                         snprintf(a->server_path, sizeof a->server_path, "%s", server) >=
                             (int)sizeof a->server_path))
@@ -241,8 +239,7 @@ pvx_err pvp_zap_new(pvp_auth *a, void *zmq, pvp_zap **out, struct pvx_diag *d)
     const int patience = PATIENCE_MS, linger = 0;
     *out = NULL;
     struct pvp_zap *z = pvx_calloc(1, sizeof *z);
-    if (z == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(z);
     z->auth = a;
     z->socket = zmq_socket(zmq, ZMQ_REP);
     bool ok = z->socket != NULL &&

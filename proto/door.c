@@ -30,8 +30,7 @@ pvx_err pvp_door_new(void *zmq, void *socket, pvp_door **out)
     const int linger = 0;
     *out = NULL;
     pvp_door *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     snprintf(at, sizeof at, "inproc://pyrovox-door-%u", atomic_fetch_add(&made, 1));
     p->zmq = zmq;
     p->watched = socket;

@@ -75,8 +75,7 @@ pvx_err pvp_ipc_claim_new(const char *endpoint, pvp_ipc_claim **out, struct pvx_
     if (path[0] == '@' || path[0] == '*' || path[0] == '\0')
         return PVX_OK;
     struct pvp_ipc_claim *c = calloc(1, sizeof *c);
-    if (c == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(c);
     if (strlen(path) >= sizeof c->path) {
         free(c);
         return pvx_fail(d, PVX_EINVAL, "%s: path longer than the %zu bytes a socket may have",

@@ -232,8 +232,7 @@ pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start 
 {
     *out = NULL;
     struct pvp_pub *p = calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     p->start = *start;
     p->lossless = params->lossless;
     p->hwm = params->send_hwm > 0 ? params->send_hwm : 8;
@@ -245,12 +244,9 @@ pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start 
     pvx_err e = copy_endpoints(p, params, d);
     if (e == PVX_OK && p->rig != NULL && strlen(p->rig) > PVP_RIG_MAX)
         e = pvx_fail(d, PVX_ERANGE, "a rig of %zu bytes", strlen(p->rig));
-    if (e == PVX_OK)
-        e = pvp_encoder_new(&start->grid, params->sample, params->comp, &p->encoder);
-    if (e == PVX_OK)
-        e = pub_open_all(p, d);
-    if (e == PVX_OK)
-        e = send_start(p);
+    PVX_THEN(e, pvp_encoder_new(&start->grid, params->sample, params->comp, &p->encoder));
+    PVX_THEN(e, pub_open_all(p, d));
+    PVX_THEN(e, send_start(p));
     if (e != PVX_OK) {
         pvp_pub_free(&p);
         return pvx_fail(d, e, "cannot publish: %s", pvx_strerror(e));

@@ -15,8 +15,7 @@ pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample, enum p
         (comp != PVP_RAW && comp != PVP_LZ4 && comp != PVP_ZSTD))
         return PVX_EINVAL;
     struct pvp_encoder *e = calloc(1, sizeof *e);
-    if (e == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(e);
     e->grid = *g;
     e->sample = sample;
     e->comp = comp;

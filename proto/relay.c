@@ -18,8 +18,7 @@ struct pvp_relay {
 pvx_err pvp_relay_new(pvp_relay **out)
 {
     *out = calloc(1, sizeof **out);
-    if (*out == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(*out);
     pvx_err e = pvp_decoder_new(&(*out)->decoder);
     if (e != PVX_OK)
         PVX_FREE(*out);

@@ -129,8 +129,7 @@ static pvx_err aravis_open(const struct cap_source_config *c, cap_source **out, 
 {
     *out = NULL;
     struct aravis_source *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->base.ops = &cap_source_aravis;
     init_locks(s);
     s->c = *c;

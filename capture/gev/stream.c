@@ -65,8 +65,7 @@ pvx_err aravis_make_buffers(struct aravis_source *s)
     if (bytes == 0 || bytes > PAYLOAD_MAX)
         return PVX_EINVAL;
     struct aravis_buffers *bs = pvx_calloc(1, sizeof *bs + n * sizeof bs->buffer[0]);
-    if (bs == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(bs);
     bs->step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
     bs->memory = pvx_calloc(n, bs->step);
     pvx_err e = bs->memory == NULL ? PVX_ENOMEM

@@ -197,8 +197,7 @@ pvx_err gvcam_build(struct gvcam_link *link, const struct cap_gvcam_config *conf
                     struct cap_gvcam **out)
 {
     struct cap_gvcam *c = pvx_calloc(1, sizeof *c);
-    if (c == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(c);
     c->link = link;
     c->control.fd = c->send.fd = -1;
     c->expose.trigger_at = GVCAM_NEVER;
@@ -227,8 +226,7 @@ pvx_err cap_gvcam_new(cap_gvnet *net, const struct cap_gvcam_config *config, cap
     PVX_TRY(gvcam_build(gvnet_link(net), config, &c));
     c->net = net;
     pvx_err e = find_interface(c, d);
-    if (e == PVX_OK)
-        e = open_sockets(c, d);
+    PVX_THEN(e, open_sockets(c, d));
     if (e == PVX_OK) {
         c->rng = 0x9E3779B97F4A7C15u ^ c->addr.s_addr;
         c->clock.seed = c->addr.s_addr;

@@ -172,8 +172,7 @@ static pvx_err add_caster(struct cap_gvnet *n, struct in_addr addr, struct pvx_d
         if (k->addr.s_addr == addr.s_addr)
             return PVX_OK;
     struct caster *k = pvx_calloc(1, sizeof *k);
-    if (k == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(k);
     struct sockaddr_in sa = {
         .sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT), .sin_addr = addr};
     int yes = 1;
@@ -328,8 +327,7 @@ pvx_err cap_gvnet_new(cap_gvnet **out, struct pvx_diag *d)
 {
     *out = NULL;
     struct cap_gvnet *n = pvx_calloc(1, sizeof *n);
-    if (n == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(n);
     pthread_mutex_init(&n->lock, NULL);
     pthread_cond_init(&n->looked, NULL);
     n->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);

@@ -189,8 +189,7 @@ static void put_categories(FILE *f)
 static pvx_err xml_write_text(const struct cap_gvcam *c, char **out, size_t *n)
 {
     FILE *f = open_memstream(out, n);
-    if (f == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(f);
     fprintf(f, "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
                "<RegisterDescription ModelName=\"SimCam\" VendorName=\"Pyrovox\" "
                "ToolTip=\"Simulated GigE Vision camera\" StandardNameSpace=\"GEV\" "
@@ -261,8 +260,7 @@ static pvx_err zip(const char *name, const uint8_t *in, size_t n, uint8_t **out,
     }
     size_t packed = z.total_out;
     deflateEnd(&z);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     unsigned long crc = crc32(0, in, (unsigned)n);
     le32(p, 0x04034b50);
     zip_common(p + 4, crc, packed, n, len);

@@ -351,8 +351,7 @@ static int libcamera_choose(void *ctx, const struct cap_lc_mode *mode, size_t n,
 static pvx_err open_camera(struct source *s, const char *id, struct pvx_diag *d)
 {
     struct cap_lc_control *control = pvx_calloc(s->c.n_features + 1, sizeof *control);
-    if (control == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(control);
     for (size_t i = 0; i < s->c.n_features; i++)
         control[i] = (struct cap_lc_control){s->c.features[i].name, s->c.features[i].value};
     struct choice k = {&s->c, d};
@@ -384,8 +383,7 @@ static pvx_err libcamera_set_up(struct source *s, struct pvx_diag *d)
     size_t i = 0;
     PVX_TRY(find_ids(&all, d));
     pvx_err e = lc_match(s->uri, (const char *const *)all.id, all.n, &i, &s->c, d);
-    if (e == PVX_OK)
-        e = open_camera(s, all.id[i], d);
+    PVX_THEN(e, open_camera(s, all.id[i], d));
     if (e == PVX_OK && s->c.fps > 0 && !s->layout.has_duration)
         CAP_LOG(PVX_LOG_INFO, &s->c, "libcamera", "own_rate",
                 "its frame rate cannot be set through libcamera %s: it sends "
@@ -404,8 +402,7 @@ static pvx_err libcamera_open(const struct cap_source_config *c, cap_source **ou
 {
     *out = NULL;
     struct source *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->base.ops = &cap_source_libcamera;
     pthread_mutex_init(&s->lock, NULL);
     cap_gate_init(&s->gate);

@@ -24,8 +24,7 @@ pvx_err cap_jpeg_new(int32_t width, int32_t height, cap_jpeg **out)
     if (width < 1 || height < 1 || width > 65535 || height > 65535)
         return PVX_EINVAL;
     cap_jpeg *j = pvx_calloc(1, sizeof *j);
-    if (j == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(j);
     j->width = width;
     j->height = height;
     j->last_kind = 1;

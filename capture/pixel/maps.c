@@ -259,8 +259,7 @@ pvx_err cap_maps_new(const struct cap_photometry *c, const struct cap_image *img
                      const struct cap_convert_params *p, struct cap_maps **out, struct pvx_diag *d)
 {
     struct cap_maps *m = *out = pvx_calloc(1, sizeof *m);
-    if (m == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(m);
     m->width = img->width;
     m->height = img->height;
     m->p = *p;
@@ -271,12 +270,9 @@ pvx_err cap_maps_new(const struct cap_photometry *c, const struct cap_image *img
     for (int k = 0; k < 9 && m->has_matrix; k++)
         m->matrix[k] = (float)c->matrix[k];
     pvx_err e = maps_check(m, c, img, d);
-    if (e == PVX_OK)
-        e = tables(m, c, d);
-    if (e == PVX_OK)
-        e = maps_mask(m, c);
-    if (e == PVX_OK)
-        e = bin_maps(m, c, img);
+    PVX_THEN(e, tables(m, c, d));
+    PVX_THEN(e, maps_mask(m, c));
+    PVX_THEN(e, bin_maps(m, c, img));
     if (e != PVX_OK)
         cap_maps_free(out);
     return e;

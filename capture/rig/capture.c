@@ -18,8 +18,7 @@ pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out, s
         return pvx_fail(d, PVX_EINVAL, "%u cameras; 1 to %d are possible", c->n_cameras,
                         CAP_MAX_CAMERAS);
     struct cap_capture *cap = pvx_calloc(1, sizeof *cap);
-    if (cap == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(cap);
     cap->camera = pvx_calloc(c->n_cameras, sizeof *cap->camera);
     if (cap->camera == NULL) {
         free(cap);
@@ -79,8 +78,8 @@ pvx_err cap_capture_start(cap_capture *cap, struct pvx_diag *d)
     cap->started_mono_ns = pvx_now_mono();
     pvx_err e =
         capture_run(cap, &cap->assembler_thread, &cap->assembler_started, cap_assemble, "assemble");
-    if (e == PVX_OK)
-        e = capture_run(cap, &cap->monitor_thread, &cap->monitor_started, cap_monitor, "monitor");
+    PVX_THEN(e,
+             capture_run(cap, &cap->monitor_thread, &cap->monitor_started, cap_monitor, "monitor"));
     if (e == PVX_OK && cap->cfg.trigger == CAP_TRIGGER_ACTION)
         e = capture_run(cap, &cap->trigger_thread, &cap->trigger_started, cap_trigger_run,
                         "trigger");

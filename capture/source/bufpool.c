@@ -56,8 +56,7 @@ pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool *
         return PVX_EINVAL;
     size_t step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
     cap_bufpool *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     p->slots = pvx_calloc(n, sizeof *p->slots);
     p->pixels = pvx_calloc(n, step);
     if (p->slots == NULL || p->pixels == NULL) {

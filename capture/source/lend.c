@@ -63,8 +63,7 @@ pvx_err cap_lend_new(unsigned n, unsigned spare, uint32_t camera, const struct c
     if (n < 1 || n > 1024 || spare >= n)
         return PVX_EINVAL;
     cap_lend *l = pvx_calloc(1, sizeof *l);
-    if (l == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(l);
     l->slot = pvx_calloc(n, sizeof *l->slot);
     if (l->slot == NULL) {
         free(l);

@@ -330,8 +330,7 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
     if (fault.absent || (fault.gone && now_faulty(&fault)))
         return pvx_fail(d, PVX_ENODEV, "sim: the camera is absent");
     struct sim *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->base.ops = &cap_source_sim;
     s->fault = fault;
     s->scene = *c->scene;

@@ -220,8 +220,7 @@ static pvx_err read_cameras(struct piece *p, struct pvx_diag *d)
         hid_t g = H5Gopen2(cameras, k->c.name, H5P_DEFAULT);
         if (H5Lexists(g, "frames", H5P_DEFAULT) > 0)
             e = read_frames(p, k, g, d);
-        if (e == PVX_OK)
-            e = leave_out_cut_frames(p, c, d);
+        PVX_THEN(e, leave_out_cut_frames(p, c, d));
         H5Gclose(g);
     }
     H5Gclose(cameras);
@@ -345,8 +344,7 @@ pvx_err piece_open(const char *path, struct piece **out, struct pvx_diag *d)
 {
     *out = NULL;
     struct piece *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     p->file = -1;
     p->path = strdup(path);
     p->camera = pvx_calloc(CAP_MAX_CAMERAS, sizeof *p->camera);

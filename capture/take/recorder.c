@@ -386,11 +386,9 @@ static void shut(cap_recorder *r)
 static void recorder_finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
 {
     pvx_err gap_error = r->take != NULL ? write_gaps(r, d) : PVX_OK;
-    if (e == PVX_OK)
-        e = gap_error;
+    PVX_THEN(e, gap_error);
     pvx_err close_error = cap_take_close(&r->take, d); /* text of the first cause stays */
-    if (e == PVX_OK)
-        e = close_error;
+    PVX_THEN(e, close_error);
     pthread_mutex_lock(&r->lock);
     r->t1_mono_ns = pvx_now_mono();
     r->error = e;
@@ -474,8 +472,7 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
         c->n_cameras > CAP_MAX_CAMERAS || c->sync_ns < 0)
         return PVX_EINVAL;
     cap_recorder *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->cfg = *c;
     r->until_ns = INT64_MAX;
     r->fd = r->old_fd = -1;

@@ -89,8 +89,7 @@ static void free_shared(struct shared *s)
 static pvx_err new_shared(const char *path, struct shared **out, struct pvx_diag *d)
 {
     struct shared *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->path = strdup(path);
     pvx_err e = s->path != NULL ? open_shared(s, d) : PVX_ENOMEM;
     if (e != PVX_OK) {
@@ -266,8 +265,7 @@ static pvx_err parse_uri(const char *uri, char **path, double *speed, struct pvx
     const char *q = strstr(uri, "?speed=");
     *speed = 1;
     *path = strndup(uri, q != NULL ? (size_t)(q - uri) : strlen(uri));
-    if (*path == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(*path);
     if (q != NULL && pvx_parse_double(q + 7, SPEED_MIN, SPEED_MAX, speed) != PVX_OK)
         return pvx_fail(d, PVX_EINVAL, "take:%s: the speed should be a number from %g to %g", uri,
                         SPEED_MIN, SPEED_MAX);
@@ -299,16 +297,14 @@ static pvx_err take_open(const struct cap_source_config *c, cap_source **out, st
 {
     *out = NULL;
     struct source *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     char *path = NULL;
     p->base.ops = &cap_source_take;
     p->loop = c->loop;
     cap_player_init(&p->player, c, CLOCK_MONOTONIC);
     p->name = strdup(c->name != NULL ? c->name : "");
     pvx_err e = p->name != NULL ? parse_uri(c->uri, &path, &p->speed, d) : PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = source_set_up(p, c, path, d);
+    PVX_THEN(e, source_set_up(p, c, path, d));
     free(path);
     cap_source *base = &p->base;
     if (e != PVX_OK)

@@ -152,8 +152,7 @@ static pvx_err leave_out_camera(cap_take *t, struct piece *p, uint32_t c)
     const struct cap_take_camera *was = &t->camera[c];
     const struct cap_take_row *a = k->row, *b = a + k->c.frames - 1;
     struct cap_take_gap *gap = realloc(p->gap, (p->gaps + 1) * sizeof *gap);
-    if (gap == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(gap);
     p->gap = gap;
     gap[p->gaps++] = (struct cap_take_gap){.camera = c,
                                            .why = CAP_TAKE_UNFIT,
@@ -330,8 +329,7 @@ static pvx_err take_do_read_all(cap_take *t, const char *path, struct pvx_diag *
         note(t, "%s; it is left out", pvx_diag_text(d, first));
     if (e == PVX_OK && whole)
         e = find_others(path, &o);
-    if (e == PVX_OK)
-        e = add_others(t, &o, &last, &broken);
+    PVX_THEN(e, add_others(t, &o, &last, &broken));
     if (e == PVX_OK && t->info.pieces == 0)
         e = first;
     if (e == PVX_OK) {
@@ -356,8 +354,7 @@ pvx_err cap_take_open(const char *path, cap_take **out, struct pvx_diag *d)
     take_h5_init();
     *out = NULL;
     cap_take *t = pvx_calloc(1, sizeof *t);
-    if (t == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(t);
     t->camera = pvx_calloc(CAP_MAX_CAMERAS, sizeof *t->camera);
     t->open = pvx_calloc(1, sizeof *t->open);
     pvx_err e = PVX_ENOMEM;

@@ -224,8 +224,7 @@ static pvx_err make_camera(cap_take_writer *w, struct camera *k, const struct ca
 static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_take_writer **out)
 {
     cap_take_writer *w = *out = pvx_calloc(1, sizeof *w);
-    if (w == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(w);
     w->file = w->room.fd = -1;
     w->row_type = take_h5_row_type();
     w->set_type = take_h5_set_type();
@@ -315,8 +314,7 @@ pvx_err cap_take_create(const char *path, const struct cap_take_head *head, cap_
                             head->camera[c].name);
     cap_take_writer *w;
     pvx_err e = new_writer(path, head, &w);
-    if (e == PVX_OK)
-        e = create_file(w, d);
+    PVX_THEN(e, create_file(w, d));
     if (e == PVX_OK && !make_root(w, head)) {
         e = write_fail(w, "cannot be begun", d);
         close_file(w);

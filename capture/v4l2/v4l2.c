@@ -154,14 +154,12 @@ static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
     PVX_TRY(request(s, lend ? want + SPARE : COPIED_FROM, &n, d));
     lend = lend && n >= want + SPARE;
     struct buffers *bs = pvx_calloc(1, sizeof *bs);
-    if (bs == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(bs);
     *bs = (struct buffers){.fd = s->dev.fd, .type = s->dev.type};
     pvx_err e = PVX_OK;
     while (e == PVX_OK && bs->n < n)
         e = map_buffer(s, bs, d);
-    if (e == PVX_OK)
-        e = cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend);
+    PVX_THEN(e, cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend));
     if (e != PVX_OK) {
         v4l2_free_buffers(bs);
         return e;
@@ -367,8 +365,7 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
 {
     *out = NULL;
     struct source *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->base.ops = &cap_source_v4l2;
     s->dev.fd = -1;
     s->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
@@ -376,16 +373,12 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
     s->c.uri = s->uri = strdup(c->uri);
     s->c.name = s->name = strdup(c->name != NULL ? c->name : "?");
     pvx_err e = s->uri == NULL || s->name == NULL || s->wake < 0 ? PVX_ENOMEM : PVX_OK;
-    if (e == PVX_OK)
-        e = v4l_open(&s->c, &s->dev, d);
-    if (e == PVX_OK)
-        e = v4l_set_layout(&s->c, &s->dev, &s->layout, d);
-    if (e == PVX_OK)
-        e = v4l_set_controls(&s->c, &s->dev, d);
+    PVX_THEN(e, v4l_open(&s->c, &s->dev, d));
+    PVX_THEN(e, v4l_set_layout(&s->c, &s->dev, &s->layout, d));
+    PVX_THEN(e, v4l_set_controls(&s->c, &s->dev, d));
     s->c.features = NULL; /* borrowed for the call */
     s->c.n_features = 0;
-    if (e == PVX_OK)
-        e = v4l2_make_buffers(s, d);
+    PVX_THEN(e, v4l2_make_buffers(s, d));
     cap_source *base = &s->base;
     if (e != PVX_OK) {
         v4l2_close(&base);

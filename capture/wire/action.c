@@ -42,8 +42,7 @@ pvx_err cap_action_sender_new(cap_action_sender **out, struct pvx_diag *d)
 {
     *out = NULL;
     cap_action_sender *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     int on = 1;
     s->fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (s->fd < 0 || setsockopt(s->fd, SOL_SOCKET, SO_BROADCAST, &on, sizeof on) != 0) {

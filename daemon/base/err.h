@@ -64,6 +64,19 @@ pvx_err pvx_fail(struct pvx_diag *d, pvx_err e, const char *fmt, ...) PVX_PRINTF
 /* The diag's text, or pvx_strerror(e) when it has none. */
 const char *pvx_diag_text(const struct pvx_diag *d, pvx_err e);
 
+/* Return PVX_ENOMEM from the calling function when `memory` is NULL. */
+#define PVX_NEED(memory)       \
+    do {                       \
+        if (!(memory))         \
+            return PVX_ENOMEM; \
+    } while (0)
+/* The next step: e = expr, unless an earlier step failed. */
+#define PVX_THEN(e, expr)  \
+    do {                   \
+        if ((e) == PVX_OK) \
+            (e) = (expr);  \
+    } while (0)
+
 #ifdef __cplusplus
 }
 #endif

@@ -133,8 +133,7 @@ pvx_err pvx_pool_new(unsigned threads, const char *name, pvx_pool **out)
     if (threads > 256)
         return PVX_EINVAL;
     pvx_pool *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     p->worker = pvx_calloc(threads, sizeof *p->worker);
     if (p->worker == NULL) {
         free(p);

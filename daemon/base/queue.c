@@ -23,8 +23,7 @@ pvx_err pvx_queue_new(size_t capacity, pvx_queue **out)
     if (capacity == 0 || capacity > 1u << 20)
         return PVX_EINVAL;
     pvx_queue *q = pvx_calloc(1, sizeof *q + capacity * sizeof q->items[0]);
-    if (q == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(q);
     q->cap = capacity;
     pthread_mutex_init(&q->lock, NULL);
     pvx_cond_init(&q->filled, CLOCK_MONOTONIC);

@@ -18,8 +18,7 @@ pvx_err pvx_ring_new(size_t capacity, pvx_ring **out)
     if (capacity == 0 || capacity > 1u << 20)
         return PVX_EINVAL;
     pvx_ring *r = pvx_calloc(1, sizeof *r + capacity * sizeof r->item[0]);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->cap = capacity;
     *out = r;
     return PVX_OK;

@@ -108,8 +108,7 @@ pvx_err pvx_yaml_parse(const char *text, size_t len, const char *name, pvx_yaml 
         return pvx_fail(d, PVX_EFORMAT, "%s: contains a NUL byte, so it is not a YAML file", name);
     PVX_TRY(scan_events(text, len, name, d));
     pvx_yaml *y = pvx_calloc(1, sizeof *y);
-    if (y == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(y);
     snprintf(y->name, sizeof y->name, "%s", name);
     yaml_parser_t p;
     if (!yaml_parser_initialize(&p)) {

@@ -549,8 +549,7 @@ pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out, struct p
                          name, path);
         n += (size_t)snprintf(list + n, sizeof list - n, "%s%s", i > 0 ? "," : "", name);
     }
-    if (e == PVX_OK)
-        e = rec_rig_select(out, list, d);
+    PVX_THEN(e, rec_rig_select(out, list, d));
     if (e != PVX_OK)
         rec_rig_fini(out);
     return e;

@@ -163,8 +163,7 @@ pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth, const struct dmn_c
 {
     *out = NULL;
     dmn_control *c = pvx_calloc(1, sizeof *c);
-    if (c == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(c);
     c->ops = *ops;
     c->ops.remote = auth != NULL;
     c->auth = auth;
@@ -178,8 +177,7 @@ pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth, const struct dmn_c
         c->generation = pvp_auth_generation(auth);
         e = pvp_zap_new(auth, c->zmq, &c->zap, d);
     }
-    if (e == PVX_OK)
-        e = bind_socket(c, d);
+    PVX_THEN(e, bind_socket(c, d));
     if (e == PVX_OK && pthread_create(&c->thread, NULL, control_run, c) != 0)
         e = pvx_fail(d, PVX_EIO, "control: no thread to be had");
     if (e != PVX_OK) {

@@ -103,8 +103,7 @@ size_t dmn_answer_set(const struct dmn_control_ops *ops, const cJSON *request, s
     next = *ops->config(ops->ctx);
     pvx_err e = dmn_config_set(&next, key, value, "set", &d);
     char *before = dmn_config_value(ops->config(ops->ctx), o);
-    if (e == PVX_OK)
-        e = ops->apply(ops->ctx, &next, &d);
+    PVX_THEN(e, ops->apply(ops->ctx, &next, &d));
     size_t n =
         e == PVX_OK ? changed(&next, o, before, to) : dmn_answer_error(to, pvx_diag_text(&d, e));
     free(before);

@@ -269,8 +269,7 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
                               "address among publish.endpoints",
                               c->name);
     dmn_beside *b = pvx_calloc(1, sizeof *b);
-    if (b == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(b);
     pthread_mutex_init(&b->lock, NULL);
     pvx_cond_init(&b->wake, CLOCK_MONOTONIC);
     if (pvx_exe_dir(bin, sizeof bin) == PVX_OK)
@@ -317,8 +316,7 @@ pvx_err dmn_beside_start(dmn_beside *b, char *where, size_t size, struct pvx_dia
     b->written = b->lost = 0;
     b->st = (struct dmn_beside_state){0};
     struct job *job = pvx_calloc(1, sizeof *job);
-    if (job == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(job);
     job->b = b;
     pvx_err e = beside_begin(b, &job->fd, d);
     if (e != PVX_OK) {

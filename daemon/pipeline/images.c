@@ -43,8 +43,7 @@ pvx_err dmn_images_new(const struct dmn_images_params *p, const struct rec_rig *
 {
     *out = NULL;
     dmn_images *i = pvx_calloc(1, sizeof *i);
-    if (i == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(i);
     *i = (dmn_images){.p = *p, .rig = rig, .pool = pool};
     i->p.look = p->look > 1 ? p->look : 1;
     bool jpeg = p->fmt == CAP_FMT_NONE || p->fmt == CAP_JPEG;

@@ -30,8 +30,7 @@ pvx_err dmn_instant_new(const struct rec_grid *g, int nch, const atomic_bool *st
                         dmn_instant **out)
 {
     dmn_instant *in = *out = pvx_calloc(1, sizeof *in);
-    if (in == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(in);
     in->count = rec_grid_count(g);
     in->nch = nch;
     in->cs = nch == 3 ? 4 : 1;

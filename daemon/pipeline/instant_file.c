@@ -88,8 +88,7 @@ static pvx_err write_volume(const char *folder, const struct dmn_instant_got *go
                                  .n_bricks = bricks.n,
                                  .ids = bricks.ids,
                                  .brick = bricks.brick};
-    if (e == PVX_OK)
-        e = vol_writer_put(w, &v, d);
+    PVX_THEN(e, vol_writer_put(w, &v, d));
     if (w != NULL) {
         pvx_err close_error = vol_writer_close(&w, d);
         e = e == PVX_OK ? close_error : e;
@@ -121,11 +120,9 @@ static pvx_err write_take(const char *folder, const struct dmn_instant_got *got,
         cap_take_about(w, c, h.serial, h.temperature_c);
     }
     pvx_err e = cap_take_put_set(w, got->set, d);
-    if (e == PVX_OK)
-        e = cap_take_commit(w, d);
+    PVX_THEN(e, cap_take_commit(w, d));
     pvx_err close_error = cap_take_close(&w, d);
-    if (e == PVX_OK)
-        e = close_error;
+    PVX_THEN(e, close_error);
     return e == PVX_OK ? sync_it(path, d) : e;
 }
 

@@ -219,18 +219,13 @@ pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_
                      void *progress_ctx, dmn_live **out, struct pvx_diag *d)
 {
     dmn_live *l = *out = live_empty(cfg);
-    if (l == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(l);
     l->auth = auth;
     pvx_err e = dmn_endpoints_allowed(&l->cfg, &l->open_to, d);
-    if (e == PVX_OK)
-        e = pipeline_prepare(l, d);
-    if (e == PVX_OK)
-        e = dmn_publish_open(&l->out, &l->cfg, &l->rig, auth, d);
-    if (e == PVX_OK)
-        e = matrix_open(l, progress, progress_ctx, d);
-    if (e == PVX_OK)
-        e = live_connect_all(l, d);
+    PVX_THEN(e, pipeline_prepare(l, d));
+    PVX_THEN(e, dmn_publish_open(&l->out, &l->cfg, &l->rig, auth, d));
+    PVX_THEN(e, matrix_open(l, progress, progress_ctx, d));
+    PVX_THEN(e, live_connect_all(l, d));
     if (e != PVX_OK)
         dmn_live_free(out);
     return e;
@@ -239,8 +234,7 @@ pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_
 pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d)
 {
     dmn_live *l = live_empty(cfg);
-    if (l == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(l);
     pvx_err e = pipeline_prepare(l, d);
     dmn_live_free(&l);
     return e;

@@ -122,8 +122,7 @@ static pvx_err photometry_read_map(const char *rig_path, const struct rec_camera
                      "%s: camera %s: %s is not the file that this rig was made with: put that one "
                      "back, or measure anew (pyrovox calibrate dark, flat)",
                      rig_path, k->name, path);
-    if (e == PVX_OK)
-        e = cap_npy_parse(bytes, len, path, out, shape, &ndim, d);
+    PVX_THEN(e, cap_npy_parse(bytes, len, path, out, shape, &ndim, d));
     free(bytes);
     if (e != PVX_OK)
         return e;
@@ -166,8 +165,7 @@ static pvx_err read_mask(const char *rig_path, const struct rec_camera *k, uint8
     size_t n = (size_t)k->width * (size_t)k->height;
     photometry_beside(rig_path, k->photometry.mask, path, sizeof path);
     pvx_err e = pvx_file_check(path, &why); /* no frame, which would be waited for */
-    if (e == PVX_OK)
-        e = cap_image_load(path, &l, &why);
+    PVX_THEN(e, cap_image_load(path, &l, &why));
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: camera %s: mask: %s", rig_path, k->name, pvx_diag_text(&why, e));
     if (l.img.width != k->width || l.img.height != k->height)

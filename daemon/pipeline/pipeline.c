@@ -260,8 +260,7 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
                          struct pvx_diag *d)
 {
     dmn_pipeline *p = *out = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     p->a = *params;
     pthread_mutex_init(&p->tuning_lock, NULL);
     pvx_err e = pipeline_build(p, d);
@@ -278,10 +277,8 @@ void dmn_pipeline_background(dmn_pipeline *p, size_t camera, float **bg)
 pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
 {
     pvx_err e = dmn_stage_start(&p->stage[SINK], p->a.sink.name, sink, p);
-    if (e == PVX_OK)
-        e = dmn_stage_start(&p->stage[SOLVE], "solve", pipeline_solve, p);
-    if (e == PVX_OK)
-        e = dmn_stage_start(&p->stage[CARVE], "carve", carve, p);
+    PVX_THEN(e, dmn_stage_start(&p->stage[SOLVE], "solve", pipeline_solve, p));
+    PVX_THEN(e, dmn_stage_start(&p->stage[CARVE], "carve", carve, p));
     return e == PVX_OK ? e : pvx_fail(d, e, "no thread to be had for a stage of the pipeline");
 }
 

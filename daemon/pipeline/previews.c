@@ -288,8 +288,7 @@ pvx_err dmn_previews_new(const struct dmn_previews_params *p, dmn_previews **out
     if (!previews_find_endpoint(p->config, endpoint, sizeof endpoint))
         return PVX_OK;
     dmn_previews *v = *out = pvx_calloc(1, sizeof *v);
-    if (v == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(v);
     pvx_err e = previews_begin(v, p, endpoint, d);
     if (e == PVX_OK)
         return e;

@@ -111,8 +111,7 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
                    : pvx_fail(d, PVX_EINVAL, "%s: record.queue: 0, so nothing can be recorded",
                               c->name);
     dmn_recording *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     pthread_mutex_init(&r->lock, NULL);
     snprintf(r->pattern, sizeof r->pattern, "%s", c->record_path);
     struct cap_recorder_config rc = {.n_cameras = (uint32_t)rig->n_cameras,
@@ -126,8 +125,7 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
                                      .ctx = r};
     r->capture = capture;
     pvx_err e = recording_describe(r, c, rig, sources, session);
-    if (e == PVX_OK)
-        e = cap_recorder_new(&rc, &r->recorder);
+    PVX_THEN(e, cap_recorder_new(&rc, &r->recorder));
     if (e != PVX_OK) {
         dmn_recording_free(&r);
         return pvx_fail(d, e, "recording: %s", pvx_strerror(e));

@@ -99,8 +99,7 @@ pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s,
 {
     *out = NULL;
     dmn_scene *s = pvx_calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     pvx_err e = rec_rig_copy(rig, &s->rig);
     for (size_t c = 0; c < s->rig.n_cameras && e == PVX_OK; c++) {
         const struct rec_camera *k = &s->rig.cameras[c];

@@ -82,8 +82,7 @@ pvx_err view_bridge_new(const struct view_http_params *p, const struct view_sour
     b->source = *source;
     b->orders = orders;
     pvx_err e = view_shelf_new(&b->shelf);
-    if (e == PVX_OK)
-        e = view_http_new(&mine, &b->http, d);
+    PVX_THEN(e, view_http_new(&mine, &b->http, d));
     if (e != PVX_OK)
         view_bridge_free(out);
     return e;

@@ -62,12 +62,10 @@ pvx_err view_certificate(const char *cert_file, const char *key_file,
     size_t n;
     *out = NULL;
     pvx_err e = pvx_file_read(cert_file, PEM_MAX, &cert, &n, d);
-    if (e == PVX_OK)
-        e = pvx_file_read(key_file, PEM_MAX, &key, &n, d);
+    PVX_THEN(e, pvx_file_read(key_file, PEM_MAX, &key, &n, d));
     if (e == PVX_OK && stat(key_file, &st) == 0 && (st.st_mode & 0007) != 0)
         e = pvx_fail(d, PVX_EPERM, "%s: others may read the key; chmod o= %s", key_file, key_file);
-    if (e == PVX_OK)
-        e = certificate_look(cert_file, key_file, cert, key, out, d);
+    PVX_THEN(e, certificate_look(cert_file, key_file, cert, key, out, d));
     free(cert);
     if (key != NULL)
         gnutls_memset(key, 0, n);

@@ -160,8 +160,7 @@ static pvx_err open_film(struct film *f, struct pvx_diag *d)
 pvx_err view_film_new(const char *path, struct view_source *out, struct pvx_diag *d)
 {
     struct film *f = calloc(1, sizeof *f);
-    if (f == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(f);
     *f = (struct film){.path = path, .playing = true, .speed = 1, .due = pvx_now_mono()};
     *out = (struct view_source){&ops, f};
     pvx_err e = open_film(f, d);

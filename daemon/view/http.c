@@ -304,12 +304,10 @@ pvx_err view_http_new(const struct view_http_params *p, view_http **out, struct 
 {
     int fd = -1;
     struct view_http *h = *out = pvx_calloc(1, sizeof *h);
-    if (h == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(h);
     h->p = *p;
     pvx_err e = http_listen_at(h, &fd, d);
-    if (e == PVX_OK)
-        e = http_start(h, fd, d);
+    PVX_THEN(e, http_start(h, fd, d));
     if (e != PVX_OK)
         view_http_free(out);
     return e;

@@ -82,8 +82,7 @@ pvx_err view_live_new(const char *endpoint, const char *previews_at, const char 
                       struct view_source *out, struct pvx_diag *d)
 {
     struct live *l = calloc(1, sizeof *l);
-    if (l == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(l);
     *out = (struct view_source){&ops, l};
     l->previews_at = previews_at != NULL ? strdup(previews_at) : NULL;
     l->key = key != NULL ? strdup(key) : NULL;

@@ -67,15 +67,13 @@ pvx_err view_orders_new(const char *endpoint, const char *key, view_orders **out
 {
     const int zero = 0, one = 1;
     view_orders *o = *out = pvx_calloc(1, sizeof *o);
-    if (o == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(o);
     o->zmq = zmq_ctx_new();
     o->socket = o->zmq != NULL ? zmq_socket(o->zmq, ZMQ_REQ) : NULL;
     o->endpoint = strdup(endpoint);
     o->has_key = key != NULL;
     pvx_err e = o->socket != NULL && o->endpoint != NULL ? PVX_OK : PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = pvp_door_new(o->zmq, o->socket, &o->door);
+    PVX_THEN(e, pvp_door_new(o->zmq, o->socket, &o->door));
     if (e == PVX_OK && key != NULL)
         e = pvp_auth_client(o->socket, key, d);
     if (e == PVX_OK) {

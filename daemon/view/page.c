@@ -184,8 +184,7 @@ pvx_err view_page_new(int fd, const struct view_gate *gate, const void *early, s
                                                        .on_msg_recv_callback = page_message};
     view_page *p = pvx_calloc(1, sizeof *p);
     *out = p;
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     p->fd = fd;
     p->gate = gate;
     p->opened_ns = p->recent_ns = pvx_now_mono();

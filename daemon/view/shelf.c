@@ -24,8 +24,7 @@ struct view_shelf {
 pvx_err view_shelf_new(view_shelf **out)
 {
     *out = pvx_calloc(1, sizeof **out);
-    if (*out == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(*out);
     pvx_err e = pvp_relay_new(&(*out)->relay);
     if (e != PVX_OK)
         PVX_FREE(*out);

@@ -75,8 +75,7 @@ static pvx_err read_papers(view_tls *t, struct pvx_diag *d)
 {
     int64_t files[2][3];
     struct papers *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     look_at_files(t, files); /* before: what changes while it is read is read again */
     pvx_err e = view_certificate(t->p.cert, t->p.key, &p->with, d);
     if (e != PVX_OK) {
@@ -329,8 +328,7 @@ pvx_err view_tls_new(const struct view_tls_params *p, view_tls **out, struct pvx
     t->epoll = epoll_create1(EPOLL_CLOEXEC);
     t->conn = pvx_calloc(p->connections, sizeof *t->conn);
     pvx_err e = t->conn == NULL ? PVX_ENOMEM : t->epoll < 0 ? PVX_EIO : PVX_OK;
-    if (e == PVX_OK)
-        e = read_papers(t, d);
+    PVX_THEN(e, read_papers(t, d));
     /* NORMAL alone lets versions in that RFC 8996 forbids */
     if (e == PVX_OK &&
         gnutls_priority_init(&t->priority, "NORMAL:-VERS-TLS1.0:-VERS-TLS1.1:-VERS-DTLS-ALL",

@@ -137,8 +137,7 @@ pvx_err vol_from_voxels(struct vol_store *s, const struct pvp_grid *g, const str
     uint32_t *at = malloc(all * sizeof *at);
     bool finite = true;
     s->n = 0;
-    if (at == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(at);
     memset(at, 0xff, all * sizeof *at);
     pvx_err e = x->n > 0 ? find_bricks(s, g, nb, all, x, at) : PVX_OK;
     for (uint32_t v = 0; v < x->n && e == PVX_OK; v++) {

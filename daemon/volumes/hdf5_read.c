@@ -482,8 +482,7 @@ static pvx_err hdf5_read_hdf5_open(void **self, const char *path, struct vol_hea
 {
     take_h5_init();
     struct in *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->file = -1;
     vol_columns(r->column);
     r->path = strdup(path);

@@ -371,8 +371,7 @@ static pvx_err hdf5_write_hdf5_open(void **self, const char *path, const struct 
     (void)o;
     take_h5_init();
     struct out *w = pvx_calloc(1, sizeof *w);
-    if (w == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(w);
     w->file = -1;
     w->room.fd = -1;
     w->grid = head->start.grid;
@@ -381,10 +380,8 @@ static pvx_err hdf5_write_hdf5_open(void **self, const char *path, const struct 
     vol_columns(w->column);
     unsigned cpus = pvx_cpu_count(), threads = cpus < THREADS ? cpus : THREADS;
     pvx_err e = w->path != NULL && hdf5_write_make_room(w) ? PVX_OK : PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = pvx_pool_new(threads, "vol-pack", &w->pool);
-    if (e == PVX_OK)
-        e = create(w, head, d);
+    PVX_THEN(e, pvx_pool_new(threads, "vol-pack", &w->pool));
+    PVX_THEN(e, create(w, head, d));
     if (e != PVX_OK) {
         hdf5_write_free_out(w);
         return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
@@ -422,8 +419,7 @@ static pvx_err hdf5_write_hdf5_close(void *self, struct pvx_diag *d)
         off_t end = lseek(w->room.fd, 0, SEEK_END);
         if (end < 0 || ftruncate(w->room.fd, end) != 0)
             e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
-        if (e == PVX_OK)
-            e = sync_file(w, d);
+        PVX_THEN(e, sync_file(w, d));
     }
     hdf5_write_free_out(w);
     return e;

@@ -240,8 +240,7 @@ static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
     pvx_err e = ok ? PVX_OK : take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
     if (w->file >= 0 && H5Fclose(w->file) < 0 && e == PVX_OK)
         e = take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
-    if (e == PVX_OK)
-        e = pvx_file_sync(w->tmp, d);
+    PVX_THEN(e, pvx_file_sync(w->tmp, d));
     if (e == PVX_OK && rename(w->tmp, w->j->out) != 0)
         e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->j->out, strerror(errno));
     if (e != PVX_OK)

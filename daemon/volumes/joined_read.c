@@ -277,11 +277,9 @@ static pvx_err joined_read_open_all(struct joined *r, const char *path, uint64_t
     hid_t file = take_h5_open(path);
     pvx_err e = is_virtual(file, path, bytes) ? joined_read_read_numbers(r, file, bytes, d)
                                               : joined_read_wrong(r, d, "emission");
-    if (e == PVX_OK)
-        e = read_mappings(r, file, d);
+    PVX_THEN(e, read_mappings(r, file, d));
     H5Fclose(file);
-    if (e == PVX_OK)
-        e = find_gaps(r, count);
+    PVX_THEN(e, find_gaps(r, count));
     return e == PVX_OK ? open_head(r, d) : e;
 }
 
@@ -290,8 +288,7 @@ static pvx_err joined_open(void **self, const char *path, struct vol_head *head,
 {
     take_h5_init();
     struct joined *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->at = NONE;
     r->path = strdup(path);
     pvx_err e = r->path != NULL ? joined_read_open_all(r, path, count, d) : PVX_ENOMEM;

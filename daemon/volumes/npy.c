@@ -115,8 +115,7 @@ static pvx_err gaps_add(struct gaps *l, const struct vol_gap *g)
     if (l->n == l->room) {
         uint64_t room = l->room > 0 ? 2 * l->room : 16;
         struct vol_gap *more = realloc(l->gap, room * sizeof *more);
-        if (more == NULL)
-            return PVX_ENOMEM;
+        PVX_NEED(more);
         l->gap = more;
         l->room = room;
     }
@@ -175,8 +174,7 @@ static pvx_err npy_put_list(const struct out *w, bool closed, struct pvx_diag *d
 {
     char path[1200];
     char *text = list_text(w, closed);
-    if (text == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(text);
     snprintf(path, sizeof path, "%s/" LIST, w->dir);
     pvx_err e = pvx_file_write(path, text, strlen(text), d);
     cJSON_free(text);
@@ -216,8 +214,7 @@ static pvx_err volumes_npy_open(void **self, const char *path, const struct vol_
 {
     (void)o;
     struct out *w = pvx_calloc(1, sizeof *w);
-    if (w == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(w);
     w->start = head->start;
     w->count = pvp_grid_count(&head->start.grid);
     w->dir = strdup(path);
@@ -225,12 +222,9 @@ static pvx_err volumes_npy_open(void **self, const char *path, const struct vol_
     pvx_err e = w->dir != NULL && w->dense != NULL && strlen(path) < 1024
                     ? make_dir(path, d)
                     : pvx_fail(d, PVX_ENOMEM, "%s: no memory for a volume", path);
-    if (e == PVX_OK)
-        e = npy_put_text(w, "rig.yaml", head->rig, d);
-    if (e == PVX_OK)
-        e = npy_put_text(w, "config.yaml", head->config, d);
-    if (e == PVX_OK)
-        e = npy_put_list(w, false, d);
+    PVX_THEN(e, npy_put_text(w, "rig.yaml", head->rig, d));
+    PVX_THEN(e, npy_put_text(w, "config.yaml", head->config, d));
+    PVX_THEN(e, npy_put_list(w, false, d));
     if (e != PVX_OK) {
         npy_free_out(w);
         return e;

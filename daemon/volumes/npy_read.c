@@ -241,12 +241,9 @@ static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
             e = PVX_EFORMAT;
     if (e != PVX_OK || (shape[3] != 1 && shape[3] != 3))
         e = pvx_fail(d, PVX_EFORMAT, "%s: a volume is [nz][ny][nx] or [nz][ny][nx][1 or 3]", path);
-    if (e == PVX_OK)
-        e = read_json(path, shape, out, start, d);
-    if (e == PVX_OK)
-        e = npy_read_numbered(path, out->v.set, d);
-    if (e == PVX_OK)
-        e = vol_from_dense(&r->store, &out->v.grid, dense);
+    PVX_THEN(e, read_json(path, shape, out, start, d));
+    PVX_THEN(e, npy_read_numbered(path, out->v.set, d));
+    PVX_THEN(e, vol_from_dense(&r->store, &out->v.grid, dense));
     if (e == PVX_ECORRUPT)
         e = pvx_fail(d, e, "%s: holds a value that is not finite", path);
     free(dense);
@@ -359,11 +356,9 @@ static pvx_err npy_read_npy_open(void **self, const char *path, struct vol_head 
                                  bool *cut, struct pvx_diag *d)
 {
     struct in *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     pvx_err e = npy_read_find(r, path, d);
-    if (e == PVX_OK)
-        e = npy_read_first(r, d);
+    PVX_THEN(e, npy_read_first(r, d));
     if (e == PVX_OK && r->dir != NULL) {
         r->rig = text_file(path, "rig.yaml");
         r->config = text_file(path, "config.yaml");

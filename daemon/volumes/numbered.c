@@ -129,20 +129,15 @@ pvx_err vol_numbered_new(const char *dir, const char *ext, const struct vol_head
 {
     *out = NULL;
     struct vol_numbered *n = calloc(1, sizeof *n);
-    if (n == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(n);
     n->ext = ext;
     n->start = head->start;
     n->o = *o;
     pvx_err e = set_names(n, dir, d);
-    if (e == PVX_OK)
-        e = vol_numbered_check(n->dir, d);
-    if (e == PVX_OK)
-        e = numbered_put_text(n, "rig.yaml", head->rig, d);
-    if (e == PVX_OK)
-        e = numbered_put_text(n, "pyrovoxd.yaml", head->config, d);
-    if (e == PVX_OK)
-        e = write_list(n, d);
+    PVX_THEN(e, vol_numbered_check(n->dir, d));
+    PVX_THEN(e, numbered_put_text(n, "rig.yaml", head->rig, d));
+    PVX_THEN(e, numbered_put_text(n, "pyrovoxd.yaml", head->config, d));
+    PVX_THEN(e, write_list(n, d));
     if (e == PVX_OK)
         *out = n;
     else
@@ -158,8 +153,7 @@ static pvx_err numbered_grow(void **array, size_t n, size_t *cap, size_t one)
         return PVX_OK;
     size_t more = *cap > 0 ? 2 * *cap : 256;
     void *p = realloc(*array, more * one);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     memset((char *)p + n * one, 0, (more - n) * one);
     *array = p;
     *cap = more;
@@ -178,8 +172,7 @@ static pvx_err numbered_again(struct vol_numbered *n, uint64_t from, uint64_t fr
         return PVX_OK;
     PVX_TRY(pvx_file_read(old, FILE_MAX, &data, &len, d));
     pvx_err e = PVX_OK;
-    if (e == PVX_OK)
-        e = pvx_file_write(new, data, len, d);
+    PVX_THEN(e, pvx_file_write(new, data, len, d));
     free(data);
     n->bytes += e == PVX_OK ? len : 0;
     return e;
@@ -264,8 +257,7 @@ pvx_err vol_numbered_again(const char *dir, const char *any, const char *ext,
 {
     *out = NULL;
     struct vol_numbered *n = calloc(1, sizeof *n);
-    if (n == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(n);
     n->ext = ext;
     n->start = head->start;
     n->o = *o;
@@ -387,13 +379,11 @@ static pvx_err write_list(const struct vol_numbered *n, struct pvx_diag *d)
     size_t len = 0;
     snprintf(path, sizeof path, "%s/%s.json", n->dir, n->name);
     FILE *f = open_memstream(&text, &len);
-    if (f == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(f);
     pvx_err e = dmn_json_print(f, numbered_put_list, n, d);
     if (fclose(f) != 0 && e == PVX_OK)
         e = PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
+    PVX_THEN(e, pvx_file_write(path, text, len, d));
     free(text);
     return e;
 }

@@ -225,15 +225,13 @@ pvx_err parts_begin(const struct parts_job *j, struct pvx_diag *d)
     gethostname(host, sizeof host - 1);
     snprintf(mine, sizeof mine, "%s.%s.%ld", path, host, (long)getpid());
     char *text = job_text(j);
-    if (text == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(text);
     pvx_err e = access(path, F_OK) == 0 ? PVX_OK : pvx_file_write(mine, text, strlen(text), d);
     cJSON_free(text);
     if (e == PVX_OK && access(path, F_OK) != 0 && link(mine, path) != 0 && errno != EEXIST)
         e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
     unlink(mine);
-    if (e == PVX_OK)
-        e = parts_load(j->out, &was, d);
+    PVX_THEN(e, parts_load(j->out, &was, d));
     if (e != PVX_OK)
         return e;
     e = parts_compare(&was, j, d);
@@ -385,8 +383,7 @@ pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done
     struct flock l = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
     *out = NULL;
     part *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     *p = (part){.job = j, .i = i, .t_taken = pvx_now_mono()};
     parts_path(j, i, "lock", path, sizeof path);
     p->lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
@@ -397,8 +394,7 @@ pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done
         e = errno == EAGAIN || errno == EACCES
                 ? is_busy(j, i, d)
                 : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
-    if (e == PVX_OK)
-        e = parts_look(p, resume, done, d);
+    PVX_THEN(e, parts_look(p, resume, done, d));
     if (e != PVX_OK)
         part_free(&p);
     *out = p;

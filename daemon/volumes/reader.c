@@ -43,8 +43,7 @@ pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d)
                         "an HDF5 file)",
                         path);
     vol_reader *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->format = readers[k].format;
     r->ops = readers[k].ops;
     pvx_err e = r->ops->open(&r->self, path, &r->head, &r->count, &r->cut, d);

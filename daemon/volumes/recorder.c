@@ -161,8 +161,7 @@ pvx_err vol_recorder_new(const struct vol_recorder_config *c, vol_recorder **out
     *out = NULL;
     PVX_TRY(vol_writer_check(c->format, c->path, d));
     vol_recorder *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->c = *c;
     if (r->c.queue_bytes == 0)
         r->c.queue_bytes = VOL_QUEUE_BYTES;
@@ -198,8 +197,7 @@ pvx_err vol_recorder_session(vol_recorder *r, const struct vol_head *head, char 
                              struct pvx_diag *d)
 {
     struct item *i = pvx_calloc(1, sizeof *i);
-    if (i == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(i);
     i->kind = SESSION;
     i->head = *head;
     i->head.rig = head->rig != NULL ? strdup(head->rig) : NULL;
@@ -223,8 +221,7 @@ pvx_err vol_recorder_session(vol_recorder *r, const struct vol_head *head, char 
 pvx_err vol_recorder_gap(vol_recorder *r, const struct vol_gap *g)
 {
     struct item *i = pvx_calloc(1, sizeof *i);
-    if (i == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(i);
     i->kind = GAP;
     i->gap = *g;
     recorder_queue(r, i);

@@ -126,8 +126,7 @@ static pvx_err list_numbered(const struct folder *f, const struct vol_head *head
         const struct vol_options o = {.y_up = a.y_up != 0, .unit_m = a.unit_m};
         if (e == PVX_OK && n == NULL)
             e = vol_numbered_again(f->dir, f->files.name[i], ends[f->format] + 1, head, &o, &n, d);
-        if (e == PVX_OK)
-            e = vol_numbered_found(n, f->files.name[i], &a.v, d);
+        PVX_THEN(e, vol_numbered_found(n, f->files.name[i], &a.v, d));
     }
     if (e == PVX_OK)
         return vol_numbered_close(&n, d);

@@ -195,8 +195,7 @@ pvx_err vol_segment_new(const char *name, mode_t mode, vol_segment **out, struct
                         "'%.64s' cannot be a name in shared memory: 1 to %d bytes, no slash", name,
                         PVP_SHARE_NAME - 1);
     struct vol_segment *s = calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->mode = mode;
     snprintf(s->path, sizeof s->path, SHM "/%s", own);
     pvx_err e = segment_make(s, 0, 0, d);

@@ -19,13 +19,11 @@ pvx_err vol_share_new(const struct vol_share_config *c, vol_share **out, struct 
 {
     *out = NULL;
     struct vol_share *s = calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->name = c->name;
     s->split = c->split;
     pvx_err e = vol_vdb_need(c->name, &s->module, d);
-    if (e == PVX_OK)
-        e = vol_segment_new(c->name, c->mode, &s->segment, d);
+    PVX_THEN(e, vol_segment_new(c->name, c->mode, &s->segment, d));
     if (e != PVX_OK)
         free(s);
     else

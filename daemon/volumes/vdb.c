@@ -30,8 +30,7 @@ static pvx_err vdb_open_any(bool nano, void **self, const char *path, const stru
     *self = NULL;
     PVX_TRY(vol_vdb_need(path, &module, d));
     struct vdb *w = calloc(1, sizeof *w);
-    if (w == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(w);
     w->module = module;
     w->nano = nano;
     snprintf(w->path, sizeof w->path, "%s", path);

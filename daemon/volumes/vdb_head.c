@@ -159,8 +159,7 @@ pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name, struct vol_vdb_
     char *bytes = malloc(NOTES_MAX);
     int64_t at = 0;
     *n = 0;
-    if (bytes == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(bytes);
     size_t len = nano ? find_blind(f, &at) : NOTES_MAX;
     bool there = len > 0 && fseeko(f, at, SEEK_SET) == 0;
     struct cursor c = {bytes, there ? fread(bytes, 1, len, f) : 0};
@@ -170,8 +169,7 @@ pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name, struct vol_vdb_
                      name);
     else if (!nano && !skip_header(&c))
         e = pvx_fail(d, PVX_EFORMAT, "%s: not a .vdb file, or one of before 2013", name);
-    if (e == PVX_OK)
-        e = vdb_head_take_notes(c, name, note, n, d);
+    PVX_THEN(e, vdb_head_take_notes(c, name, note, n, d));
     free(bytes);
     return e;
 }

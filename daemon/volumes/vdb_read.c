@@ -47,8 +47,7 @@ static bool is_nvdb(const char *path)
 static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
 {
     struct vol_gap *more = realloc(r->gap, (r->n_gaps + 1) * sizeof *more);
-    if (more == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(more);
     r->gap = more;
     r->gap[r->n_gaps++] =
         (struct vol_gap){.why = VOL_GAP_LOST, .set_first = first, .set_last = last};
@@ -71,8 +70,7 @@ static pvx_err add_file(struct vdb_in *r, const char *path, const struct vol_vdb
     if (before != NULL && before->session == a.v.session && a.v.set > before->set + 1)
         PVX_TRY(add_gap(r, before->set + 1, a.v.set - 1));
     struct file *more = realloc(r->file, (r->n + 1) * sizeof *more);
-    if (more == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(more);
     r->file = more;
     r->file[r->n] = (struct file){strdup(path), a.v.set, a.v.session};
     return r->file[r->n++].path != NULL ? PVX_OK : PVX_ENOMEM;
@@ -131,10 +129,8 @@ static pvx_err vdb_read_add_folder(struct vdb_in *r, const char *dir, bool *cut,
         e = f.n > 0 ? pvx_fail(d, PVX_EFORMAT, "%s", first.text)
                     : pvx_fail(d, PVX_ENOENT, "%s: no volumes in it", dir);
     vol_folder_free(&f);
-    if (e == PVX_OK)
-        e = take_text(dir, "rig.yaml", &r->rig, d);
-    if (e == PVX_OK)
-        e = take_text(dir, "pyrovoxd.yaml", &r->config, d);
+    PVX_THEN(e, take_text(dir, "rig.yaml", &r->rig, d));
+    PVX_THEN(e, take_text(dir, "pyrovoxd.yaml", &r->config, d));
     return e;
 }
 
@@ -168,8 +164,7 @@ static pvx_err vdb_read_open_any(bool nano, void **self, const char *path, struc
     *cut = false;
     PVX_TRY(vol_vdb_need(path, &module, d));
     struct vdb_in *r = calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->nano = nano;
     r->decode = nano ? module->read_nvdb : module->read_vdb;
     pvx_err e = stat(path, &st) == 0 && S_ISDIR(st.st_mode) ? vdb_read_add_folder(r, path, cut, d)

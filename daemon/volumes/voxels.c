@@ -19,8 +19,7 @@ pvx_err vol_voxels_new(const struct pvp_grid *g, vol_voxels **out)
 {
     *out = NULL;
     struct vol_voxels *x = calloc(1, sizeof *x);
-    if (x == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(x);
     x->grid = *g;
     x->count = (size_t)g->n[0] * g->n[1] * g->n[2];
     x->index = pvx_reserve(x->count * sizeof *x->index);

@@ -50,8 +50,7 @@ pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_he
     static const struct vol_options defaults;
     *out = NULL;
     vol_writer *w = pvx_calloc(1, sizeof *w);
-    if (w == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(w);
     if (o == NULL)
         o = &defaults;
     snprintf(w->path, sizeof w->path, "%s", path);
@@ -131,8 +130,7 @@ pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_dia
     struct vol_volume put = *v;
     put.clamped |= vol_beyond(w->format, v);
     pvx_err e = writer_has_room(w, v, &own);
-    if (e == PVX_OK)
-        e = w->ops->put(w->self, &put, &own);
+    PVX_THEN(e, w->ops->put(w->self, &put, &own));
     if (writer_is_there(w, &gone) != PVX_OK) { /* says more than the format's own error */
         e = PVX_EIO;
         own = gone;

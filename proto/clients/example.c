@@ -17,8 +17,7 @@ int main(int argc, char **argv)
     size_t len, n = 0;
     float *dense = NULL;
     pvx_err e = pvp_sub_new(argc > 1 ? argv[1] : "ipc:///run/pyrovox/volumes", NULL, &sub, &why);
-    if (e == PVX_OK)
-        e = pvp_decoder_new(&dec);
+    PVX_THEN(e, pvp_decoder_new(&dec));
     while (e == PVX_OK && (e = pvp_sub_next(sub, -1, &h, &msg, &len, &why)) == PVX_OK &&
            h.type != PVP_END) {
         if (h.type == PVP_START) { /* room for every volume of this session */

@@ -68,8 +68,7 @@ pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o, pvp_s
 {
     *out = NULL;
     struct pvp_sub *s = calloc(1, sizeof *s);
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     s->memory = o != NULL && o->memory > 0 ? o->memory : PVP_SUB_MEMORY;
     s->newest = o != NULL && o->newest;
     zmq_msg_init(&s->msg);

@@ -33,8 +33,7 @@ pvx_err rec_board_detector_new(const struct rec_board *b, rec_board_detector **o
 {
     size_t n = rec_board_corners(b), seeds = 4 * (size_t)rec_board_markers(b) + n + 4;
     rec_board_detector *det = *out = pvx_calloc(1, sizeof *det);
-    if (det == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(det);
     const struct rec_dictionary *dict = rec_dictionary_find(b->dictionary);
     det->both = dict != NULL && rec_dictionary_two_sided(dict);
     pvx_err e = rec_cv_load(&det->cv, d);

@@ -124,8 +124,7 @@ static pvx_err shot_draw(const struct shot *w, const struct part *a, float *leve
     if (n <= 0 || a->y1 <= a->y0)
         return PVX_OK;
     double *mem = pvx_calloc(4 * ((size_t)n + 1), sizeof *mem);
-    if (mem == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(mem);
     double(*above)[2] = (double(*)[2])mem, (*below)[2] = above + n + 1;
     for (int32_t i = 0; i <= n; i++)
         shot_meet(w, a->x0 + i - 0.5, a->y0 - 0.5, above[i]);

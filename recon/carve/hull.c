@@ -77,8 +77,7 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
 {
     *out = NULL;
     rec_hull *h = pvx_calloc(1, sizeof *h);
-    if (h == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(h);
     h->S = S;
     for (int a = 0; a < 3; a++)
         h->nb[a] = rec_bricks(&S->grid, a);

@@ -50,8 +50,7 @@ pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
         ok = ok && k->photo[c].work != NULL;
     }
     pvx_err e = ok ? rec_hull_new(S, &k->hull) : PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = rec_restrictor_new(S, &k->restrictor);
+    PVX_THEN(e, rec_restrictor_new(S, &k->restrictor));
     if (e == PVX_OK && !p->trust_all)
         e = rec_vote_new(S, &k->kernels, pool, p->hold, &k->vote);
     if (e != PVX_OK) {

@@ -59,10 +59,8 @@ pvx_err rec_frame_alone(const rec_sysmat *S, const struct rec_rig *rig,
     rec_solver *s = NULL;
     *out = NULL;
     pvx_err e = rec_carver_new(S, rig, p, pool, &k, d);
-    if (e == PVX_OK)
-        e = rec_solver_new(S, p, &s, d);
-    if (e == PVX_OK)
-        e = rec_frame_new(k, s, out, d);
+    PVX_THEN(e, rec_solver_new(S, p, &s, d));
+    PVX_THEN(e, rec_frame_new(k, s, out, d));
     if (e == PVX_OK) {
         (*out)->alone = true;
         return PVX_OK;

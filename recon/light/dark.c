@@ -64,8 +64,7 @@ pvx_err rec_light_dark(const struct rec_light_picture *p, float *out, struct rec
     if (p->n < REC_DARK_LEAST)
         return pvx_fail(d, PVX_EINVAL, "%u dark pictures; take %d or more", p->n, REC_DARK_LEAST);
     double *scratch = pvx_calloc(REC_LIGHT_SCRATCH, sizeof *scratch);
-    if (scratch == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(scratch);
     size_t n = rec_light_pixels(p) * (size_t)p->channels;
     double level = rec_light_median(p->mean, n, scratch);
     pvx_err e = light_in_it(p, level, d);

@@ -130,8 +130,7 @@ pvx_err rec_light_noise(const struct rec_light_picture *p, size_t m, struct rec_
     for (size_t k = 0; k < m; k++)
         PVX_TRY(noise_possible(&p[k], k, d));
     double *room = pvx_calloc(m * PER * 4 + 1, sizeof *room);
-    if (room == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(room);
     struct points t = {.mean = room,
                        .var = room + m * PER,
                        .expected = room + 2 * m * PER,

@@ -208,8 +208,7 @@ pvx_err rec_light_response(const struct rec_light_picture *p, size_t m, struct r
            step = n / PIXELS | 1; /* odd: both colours of a row */
     double low = 1, high = 0, sum = 0;
     struct ladder *l = pvx_calloc(1, sizeof *l);
-    if (l == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(l);
     l->p = p;
     l->m = m;
     for (size_t i = 0; i < n; i += step) {

@@ -205,13 +205,11 @@ static pvx_err build_all(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     if (e == PVX_OK && b->rig->bodies.n > 0)
         e = all_hidden(b, d);
     struct rec_entries all = {0};
-    if (e == PVX_OK)
-        e = rec_sysmat_merge(m, b->part, pool, &all, d);
+    PVX_THEN(e, rec_sysmat_merge(m, b->part, pool, &all, d));
     for (size_t c = 0; b->part != NULL && c < m->n_cameras; c++)
         rec_entries_free(&b->part[c]);
     free(b->part);
-    if (e == PVX_OK)
-        e = rec_sysmat_add_levels(m, &all, pool, d);
+    PVX_THEN(e, rec_sysmat_add_levels(m, &all, pool, d));
     rec_entries_free(&all);
     if (e == PVX_OK && b->progress != NULL && !b->progress(b->ctx, 1))
         e = PVX_ECANCELED;
@@ -234,8 +232,7 @@ pvx_err rec_sysmat_build(const struct rec_rig *rig, const struct rec_sysmat_para
     PVX_TRY(rec_sysmat_alloc(rig->n_cameras, &b.m));
     pvx_err e = rec_sysmat_finest_frame(rig, &r, b.m, d);
     rec_tracer_init(&b.t, rig, &r);
-    if (e == PVX_OK)
-        e = build_all(&b, pool, d);
+    PVX_THEN(e, build_all(&b, pool, d));
     if (e == PVX_ECANCELED)
         pvx_fail(d, e, "stopped while building the system matrix");
     if (e != PVX_OK) {

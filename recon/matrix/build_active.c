@@ -274,8 +274,7 @@ static pvx_err finish_level(struct rec_active_level *v, pvx_pool *pool, struct p
 {
     struct rec_entries all;
     pvx_err e = rec_sysmat_merge(v->m, v->part, pool, &all, d);
-    if (e == PVX_OK)
-        e = rec_sysmat_make_windows(v->m, &all, pool, d);
+    PVX_THEN(e, rec_sysmat_make_windows(v->m, &all, pool, d));
     rec_entries_free(&all);
     return e;
 }
@@ -297,8 +296,7 @@ pvx_err rec_active_build_new(struct rec_active_build **out, const struct rec_rig
 {
     struct rec_sysmat_params p = {finest->binning, finest->rays_per_bin};
     struct rec_active_build *b = *out = pvx_calloc(1, sizeof *b);
-    if (b == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(b);
     b->rig = rig;
     b->caller = pthread_self();
     b->progress = progress;

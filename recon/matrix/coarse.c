@@ -177,8 +177,7 @@ static pvx_err coarse_fill(struct job *j, pvx_pool *pool, struct rec_entries *ou
     for (size_t c = 0; c < m->n_cameras; c++) {
         struct rec_rect *fp = rec_sysmat_array(rec_brick_places(&m->grid) * sizeof *fp);
         m->block[c].fp = fp;
-        if (fp == NULL)
-            return PVX_ENOMEM;
+        PVX_NEED(fp);
         rec_no_footprints(m, fp);
     }
     pvx_pool_run(pool, layers, union_layer, j);
@@ -277,8 +276,7 @@ pvx_err rec_sysmat_add_levels(rec_sysmat *m, struct rec_entries *e, pvx_pool *po
         err = rec_sysmat_coarsen(m, &now, pool, &m->coarse, &coarser, d);
         rec_entries_free(&now);
         now = coarser;
-        if (err == PVX_OK)
-            err = rec_sysmat_make_windows(m->coarse, &now, pool, d);
+        PVX_THEN(err, rec_sysmat_make_windows(m->coarse, &now, pool, d));
     }
     rec_entries_free(&now);
     return err;

@@ -90,8 +90,7 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
         double most = (double)(b->level[0].rows.bands / LEAST_BANDS);
         b->of = (size_t)fmax(fmin(1 / share, most), 1);
         uint64_t before = atomic_load(&b->entries);
-        if (e == PVX_OK)
-            e = rec_active_trace(b, pool);
+        PVX_THEN(e, rec_active_trace(b, pool));
         rec_active_end(b);
         if (e != PVX_OK || atomic_load(&b->out_of_memory))
             return e != PVX_OK ? e : PVX_ENOMEM;
@@ -127,8 +126,7 @@ static pvx_err copy_outline(const struct rec_rig *rig, const rec_sysmat *outline
     PVX_TRY(rec_sysmat_alloc(rig->n_cameras, out));
     pvx_err e = rec_sysmat_finest_frame(rig, &p, *out, d);
     rec_sysmat_window_frame(*out);
-    if (e == PVX_OK)
-        e = rec_active_new(&outline->grid, &(*out)->active);
+    PVX_THEN(e, rec_active_new(&outline->grid, &(*out)->active));
     if (e == PVX_OK)
         memcpy((*out)->active->brick, outline->active->brick, outline->active->bricks);
     else

@@ -381,8 +381,7 @@ static pvx_err check_contents(const struct loader *l, pvx_pool *pool)
         pvx_pool_run(pool, k.n, check_piece, &k);
         e = load_judge(&k);
     }
-    if (e == PVX_OK)
-        e = check_counts(&k);
+    PVX_THEN(e, check_counts(&k));
     free(k.piece);
     free(k.hash);
     return e;

@@ -21,8 +21,7 @@ void rec_active_free(struct rec_active **ap)
 pvx_err rec_active_new(const struct rec_grid *g, struct rec_active **out)
 {
     struct rec_active *a = *out = pvx_calloc(1, sizeof *a);
-    if (a == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(a);
     a->bricks = rec_brick_places(g) / REC_BRICK_VOXELS;
     a->brick = pvx_calloc(a->bricks, sizeof *a->brick);
     if (a->brick == NULL)

@@ -17,8 +17,7 @@ static size_t blocks_of_room(size_t room)
 pvx_err rec_restrictor_new(const rec_sysmat *S, struct rec_restrictor **out)
 {
     struct rec_restrictor *r = *out = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->room = S->win.room;
     r->voxels = rec_grid_count(&S->grid);
     r->list = pvx_reserve(r->voxels * sizeof *r->list);
@@ -71,8 +70,7 @@ pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
 {
     *out = NULL;
     struct rec_subsys *a = pvx_calloc(1, sizeof *a);
-    if (a == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(a);
     struct sizes z = sizes_of(S);
     a->S = S;
     a->k = k;

@@ -269,8 +269,7 @@ pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool 
     size_t chunks = (j.N + CHUNK - 1) / CHUNK;
     rec_sysmat_window_frame(m);
     j.more = pvx_calloc(chunks, sizeof *j.more);
-    if (j.more == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(j.more);
     pvx_pool_run(pool, chunks, count_chunk, &j);
     pvx_err err = windows_choose(&j, chunks) ? PVX_OK : PVX_ERANGE;
     if (err == PVX_OK) {

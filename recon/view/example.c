@@ -23,10 +23,8 @@ int main(void)
         flame[i] = expf(-hypotf(hypotf(i % 24 - 11.5F, i / 24 % 24 - 11.5F), i / 576 - 11.5F) / 4);
     pvx_err e =
         rec_rig_ring(4, 2.4, 48, 36, 24, &rig); /* or rec_rig_load("rig.yaml", &rig, &why) */
-    if (e == PVX_OK)
-        e = rec_sysmat_build(&rig, &bins, NULL, NULL, NULL, &S, &why);
-    if (e == PVX_OK)
-        e = rec_frame_alone(S, &rig, &p, NULL, &frame, &why);
+    PVX_THEN(e, rec_sysmat_build(&rig, &bins, NULL, NULL, NULL, &S, &why));
+    PVX_THEN(e, rec_frame_alone(S, &rig, &p, NULL, &frame, &why));
     for (size_t c = 0; c < rig.n_cameras && e == PVX_OK; c++) {
         e = rec_render(&rig.grid, flame, 1, &(struct rec_eye){.camera = &rig.cameras[c], .sub = 2},
                        NULL, rec_frame_input(frame, c));

@@ -24,8 +24,7 @@ pvx_err rec_room_new(const double min[3], const double max[3], pvx_pool *pool, r
     if (!isnormal(most * most * most))
         return PVX_EINVAL;
     rec_room *r = pvx_calloc(1, sizeof *r);
-    if (r == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(r);
     r->pool = pool;
     room_scene_init(&r->scene, min, max, POINTS);
     r->light = pvx_calloc(r->scene.n_points * 3, sizeof *r->light);

@@ -53,8 +53,7 @@ pvx_err rec_view_new(const struct rec_eye *eye, size_t max_bytes, pvx_pool *pool
     if (eye->sub < 1 || eye->sub > REC_RENDER_SUB_MAX || c->width < 1 || c->height < 1)
         return PVX_EINVAL;
     rec_view *v = pvx_calloc(1, sizeof *v);
-    if (v == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(v);
     v->camera = *c;
     v->eye = *eye;
     v->eye.camera = &v->camera;
@@ -377,8 +376,7 @@ pvx_err rec_view_render(rec_view *v, const struct rec_grid *g, const float *dens
     if (atomic_load(&look.news)) {
         int64_t t1 = pvx_now_mono();
         pvx_err e = number_columns(v, dense, nch);
-        if (e == PVX_OK)
-            e = view_trace(v);
+        PVX_THEN(e, view_trace(v));
         tracing = pvx_now_mono() - t1;
         v->stats.trace_ns += tracing;
         if (e != PVX_OK) {

@@ -131,8 +131,7 @@ pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool 
                      uint32_t hold, rec_vote **out)
 {
     rec_vote *v = *out = pvx_calloc(1, sizeof *v);
-    if (v == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(v);
     v->S = v->level = S;
     for (; v->level->coarse != NULL; v->level = v->level->coarse)
         v->shift++;
@@ -146,8 +145,7 @@ pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool 
             v->widest = (size_t)v->level->block[c].bw;
     new_blur(v);
     pvx_err e = rec_subsys_new(v->level, k, pool, 1, &v->sub);
-    if (e == PVX_OK)
-        e = new_areas(v) ? new_look(v) : PVX_ENOMEM;
+    PVX_THEN(e, new_areas(v) ? new_look(v) : PVX_ENOMEM);
     if (e != PVX_OK)
         rec_vote_free(out);
     return e;

@@ -333,10 +333,8 @@ static int advise_run(int argc, char **argv)
             &d, PVX_EINVAL,
             "advise: %zu cameras: one is left out and three make a volume, so it takes four",
             s.rig.n_cameras);
-    if (e == PVX_OK)
-        e = advise_measure(&s, &a, &d);
-    if (e == PVX_OK)
-        e = advise_noise(&s, &a, &d);
+    PVX_THEN(e, advise_measure(&s, &a, &d));
+    PVX_THEN(e, advise_noise(&s, &a, &d));
     if (e == PVX_OK)
         advise_print(&s, &a);
     flame_sets_fini(&s);

@@ -84,8 +84,7 @@ static pvx_err light_gains(struct flame_sets *s, double c, const double *own,
     }
     struct rec_check_source from = {
         .n = m.n, .get = light_get, .progress = light_progress, .ctx = &m};
-    if (e == PVX_OK)
-        e = rec_gains(&s->rig, &p, s->pool, &from, gain, &r, d);
+    PVX_THEN(e, rec_gains(&s->rig, &p, s->pool, &from, gain, &r, d));
     for (size_t k = 0; k < s->rig.n_cameras; k++)
         free(m.room[k]);
     *g = (struct advise_gain){.known = e == PVX_OK};

@@ -165,14 +165,11 @@ pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     }
     rec_unseen_free(&u);
     s->params.at_least = a->saturated > ADVISE_SATURATED;
-    if (e == PVX_OK)
-        e = advise_bodies(s, a->body, d);
+    PVX_THEN(e, advise_bodies(s, a->body, d));
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         memcpy(came[c], s->rig.cameras[c].gain, sizeof came[c]);
-    if (e == PVX_OK)
-        e = advise_light(s, a, d);
-    if (e == PVX_OK)
-        e = advise_response(s, a, d);
+    PVX_THEN(e, advise_light(s, a, d));
+    PVX_THEN(e, advise_response(s, a, d));
     if (e != PVX_OK || !a->response.on)
         return e;
     advise_straighten(s, a->response.power);

@@ -194,10 +194,8 @@ static pvx_err motion_measure(struct motion *w, struct advice *a, int leaning, s
         e = w->index == NULL || w->value == NULL
                 ? PVX_ENOMEM
                 : rec_flow_new(&rec_unseen_matrix(w->u)->grid, &w->flow);
-        if (e == PVX_OK)
-            e = motion_change(w);
-        if (e == PVX_OK)
-            e = details(w, &a->resolution);
+        PVX_THEN(e, motion_change(w));
+        PVX_THEN(e, details(w, &a->resolution));
     }
     for (size_t k = 0; k < CAMERAS && w->m->sets >= LEAST && e == PVX_OK; k++)
         e = motion_leave_out(w, k * n / CAMERAS, leaning, !leaning && k == 0);

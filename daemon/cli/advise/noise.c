@@ -8,8 +8,7 @@ pvx_err advise_noise(const struct flame_sets *s, struct advice *a, struct pvx_di
     rec_unseen *u = NULL;
     some.sets = REC_CHECK_SETS;
     pvx_err e = rec_rig_copy(&s->rig, &in.rig);
-    if (e == PVX_OK)
-        e = flame_sets_read(&in, d);
+    PVX_THEN(e, flame_sets_read(&in, d));
     if (e == PVX_OK && in.nch == 3)
         e = rec_unseen_new(&in.rig, &in.params, in.pool, &u, d);
     for (in.channel = 0; in.channel < 3 && u != NULL && e == PVX_OK; in.channel++) {

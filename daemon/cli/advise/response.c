@@ -172,8 +172,7 @@ pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag 
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         memcpy(found[c], s->rig.cameras[c].gain, sizeof found[c]);
     plan(&w, a->absorption.best, &a->gain);
-    if (e == PVX_OK)
-        e = rec_unseen_new(&s->rig, &s->params, s->pool, &w.u, d);
+    PVX_THEN(e, rec_unseen_new(&s->rig, &s->params, s->pool, &w.u, d));
     for (size_t k = 0; k < w.n && e == PVX_OK; k++)
         e = response_measure(&w, &w.tried[k]);
     for (size_t c = 0; c < s->rig.n_cameras; c++)

@@ -86,8 +86,7 @@ static int background_live(const struct args *a)
     pvx_err e = ask_request(a->control, a->key, request, ANSWER_MS, &reply, &d);
     double number = e == PVX_OK ? ask_num(reply, "request", NULL) : 0;
     cJSON_Delete(reply);
-    if (e == PVX_OK)
-        e = await(a, number, &d);
+    PVX_THEN(e, await(a, number, &d));
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped; the daemon goes on taking it (--sets 0 ends that)\n");
         return 130;
@@ -131,8 +130,7 @@ static pvx_err background_write_one(const struct calibrate_light *l, size_t c, s
     size_t shape[3] = {(size_t)p->height, (size_t)p->width, ch};
     char path[PATH_MAX];
     float *v = pvx_calloc(n * ch, sizeof *v);
-    if (v == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(v);
     for (size_t i = 0; i < n && p->cell != NULL; i++)
         colours_at(p, (int32_t)(i % shape[1]), (int32_t)(i / shape[1]), v + 3 * i);
     for (size_t i = 0; i < n * ch && p->cell == NULL; i++)
@@ -173,8 +171,7 @@ int calibrate_background(int argc, char **argv)
 {
     static const struct argp_option options[] = {
         {"live", OPT_LIVE, NULL, 0, "take it in the running daemon", 0},
-        {"sets", OPT_SETS, "N", 0, "with --live: the mean of so many sets (64; 0 removes it)",
-         0},
+        {"sets", OPT_SETS, "N", 0, "with --live: the mean of so many sets (64; 0 removes it)", 0},
         {"control", OPT_CONTROL, "ENDPOINT", 0, "the daemon's control socket", 0},
         {"key", OPT_KEY, "FILE", 0,
          "your .key file of `pyrovox keygen`, for a daemon that asks for one (with --live)", 0},

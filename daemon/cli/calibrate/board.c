@@ -112,12 +112,9 @@ int calibrate_board(int argc, char **argv)
     struct rec_print p = {0};
     struct rec_page page = {0};
     pvx_err e = board_of(&a, &b, &d);
-    if (e == PVX_OK)
-        e = rec_print_init(&p, &b, &d);
-    if (e == PVX_OK)
-        e = rec_page_find(&p, a.page, &page, &d);
-    if (e == PVX_OK)
-        e = write_sheet(&a, &p, &page, &d);
+    PVX_THEN(e, rec_print_init(&p, &b, &d));
+    PVX_THEN(e, rec_page_find(&p, a.page, &page, &d));
+    PVX_THEN(e, write_sheet(&a, &p, &page, &d));
     if (e == PVX_OK) {
         char text[REC_BOARD_TEXT];
         rec_board_text(&b, text);

@@ -82,14 +82,11 @@ pvx_err calibrate_cameras_init(struct calibrate_cameras *s, const char *config, 
 {
     memset(s, 0, sizeof *s);
     struct dmn_config *c = s->config = pvx_calloc(1, sizeof *c);
-    if (c == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(c);
     pvx_err e = dmn_config_load(config, c, d);
-    if (e == PVX_OK)
-        e = calibrate_cameras_find(c, s, d);
+    PVX_THEN(e, calibrate_cameras_find(c, s, d));
     c->min_cameras = c->min_views = 1; /* every picture counts */
-    if (e == PVX_OK)
-        e = dmn_sources_init(&s->sources, c, &s->rig, NULL, d);
+    PVX_THEN(e, dmn_sources_init(&s->sources, c, &s->rig, NULL, d));
     s->sources.capture.sets.policy = CAP_POLICY_PARTIAL;
     s->sources.capture.sets.min_cameras = 1;
     return e;

@@ -29,8 +29,7 @@ static pvx_err dark_one(struct calibrate_light *l, size_t c, const struct rec_li
     struct rec_dark r;
     size_t n = (size_t)pic->width * (size_t)pic->height * (size_t)pic->channels;
     float *map = pvx_calloc(n, sizeof *map);
-    if (map == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(map);
     pvx_err e = rec_light_dark(pic, map, &r, &why);
     e = e != PVX_OK ? calibrate_light_fail(k, e, &why, d)
                     : calibrate_light_map(l, c, "dark", map, &p->dark, d);

@@ -44,8 +44,7 @@ static pvx_err flat_one(struct calibrate_light *l, size_t c, const struct rec_li
     PVX_TRY(flat_identity(l, c, d));
     float *map =
         pvx_calloc((size_t)p->width * (size_t)p->height * (size_t)p->channels, sizeof *map);
-    if (map == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(map);
     pvx_err e = rec_light_flat(p, m, map, &r, &why);
     e = e != PVX_OK ? calibrate_light_fail(k, e, &why, d)
                     : calibrate_light_map(l, c, "flat", map, &k->photometry.flat, d);

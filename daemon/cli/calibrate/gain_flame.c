@@ -115,8 +115,7 @@ static pvx_err gain_flame_load(const struct calibrate_light *l, const struct cal
         a->sets = a->sets > 0 ? a->sets : 1;
         *s = (struct flame_sets){.a = a, .light = l->light, .kinds = FRAMES_IN_SAME};
         pvx_err e = rec_rig_copy(&l->as, &s->rig);
-        if (e == PVX_OK)
-            e = flame_sets_read(s, d);
+        PVX_THEN(e, flame_sets_read(s, d));
         if (e != PVX_OK) {
             flame_sets_fini(s);
             return e;

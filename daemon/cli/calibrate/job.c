@@ -187,11 +187,9 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
     for (size_t i = 0; i < a->n_reports; i++) {
         pvx_err written =
             calibrate_write_report(a->report[i], calibrate_json, calibrate_html, &r, d);
-        if (e == PVX_OK)
-            e = written;
+        PVX_THEN(e, written);
     }
-    if (e == PVX_OK)
-        e = job_write_rig(j, d);
+    PVX_THEN(e, job_write_rig(j, d));
     if (e == PVX_OK)
         printf("%s: %zu cameras, %d x %d x %d voxels\n", a->out, j->rig.n_cameras, j->rig.grid.n[0],
                j->rig.grid.n[1], j->rig.grid.n[2]);

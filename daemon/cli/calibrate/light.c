@@ -288,8 +288,7 @@ static pvx_err read_group(struct calibrate_light *l, size_t g, struct pvx_diag *
     struct frames_in f = {.rig = &l->as, .pool = l->pool, .how = a->reading, .light = l->light};
     float *out[REC_MAX_CAMERAS] = {0};
     pvx_err e = frames_in_open(&f, a->frames[g], 0, FRAMES_IN_LAST, FRAMES_IN_EACH, d);
-    if (e == PVX_OK)
-        e = frames_in_begin(&f, 1, CAP_MOSAIC_RAYS, d);
+    PVX_THEN(e, frames_in_begin(&f, 1, CAP_MOSAIC_RAYS, d));
     for (size_t c = 0; c < l->rig.n_cameras && e == PVX_OK; c++) {
         struct calibrate_stack *s = calibrate_light_stack(l, g, c);
         s->picture.exposure = NAN;
@@ -298,8 +297,7 @@ static pvx_err read_group(struct calibrate_light *l, size_t g, struct pvx_diag *
         if (isfinite(a->exposure_ms[g]))
             s->picture.exposure = a->exposure_ms[g] * 1e-3;
     }
-    if (e == PVX_OK)
-        e = stack_up(l, &f, g, out, d);
+    PVX_THEN(e, stack_up(l, &f, g, out, d));
     for (size_t c = 0; c < l->rig.n_cameras; c++) {
         free(out[c]);
         if (e == PVX_OK && calibrate_light_stack(l, g, c)->picture.n > 0)
@@ -367,10 +365,8 @@ int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
     struct pvx_diag d = {""};
     cli_catch_stop();
     pvx_err e = light_begin(&l, a, what, &d);
-    if (e == PVX_OK)
-        e = light_read(&l, &d);
-    if (e == PVX_OK)
-        e = step(&l, &d);
+    PVX_THEN(e, light_read(&l, &d));
+    PVX_THEN(e, step(&l, &d));
     light_fini(&l);
     return cli_end(&d, e, true);
 }

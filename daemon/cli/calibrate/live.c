@@ -156,8 +156,7 @@ static pvx_err live_take_over(struct live *l, struct pvx_diag *d)
                          "another --frames, or move them away",
                          l->frames, old.camera[i].name);
     }
-    if (e == PVX_OK)
-        e = calibrate_look(&old, &l->job.board, l->pool, l->a->quiet, d);
+    PVX_THEN(e, calibrate_look(&old, &l->job.board, l->pool, l->a->quiet, d));
     if (e == PVX_OK && (k->picture = pvx_calloc(old.n, sizeof *k->picture)) == NULL)
         e = PVX_ENOMEM;
     for (size_t i = 0; e == PVX_OK && i < old.n; i++) {
@@ -229,13 +228,10 @@ static pvx_err live_run(struct live *l, int64_t poses, struct pvx_diag *d)
 {
     struct live_screen screen;
     struct cap_stats *stats = pvx_calloc(1, sizeof *stats);
-    if (stats == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(stats);
     pvx_err e = cap_capture_new(&l->cams.sources.capture, &l->capture, d);
-    if (e == PVX_OK)
-        e = live_start(l, d);
-    if (e == PVX_OK)
-        e = cap_capture_start(l->capture, d);
+    PVX_THEN(e, live_start(l, d));
+    PVX_THEN(e, cap_capture_start(l->capture, d));
     int64_t next_ns = 0;
     live_screen_open(&screen);
     while (e == PVX_OK && !cli_stop && !live_enough(l, poses)) {
@@ -383,13 +379,10 @@ static int calibrate_live_run(struct args *a)
     l->a = &a->c;
     l->frames = a->frames != NULL ? a->frames : dir;
     pvx_err e = name_frames(a->c.out, dir, sizeof dir);
-    if (e == PVX_OK)
-        e = live_prepare(l, &a->c, a->config, &d);
+    PVX_THEN(e, live_prepare(l, &a->c, a->config, &d));
     bool ready = e == PVX_OK;
-    if (e == PVX_OK)
-        e = live_run(l, a->poses, &d);
-    if (e == PVX_OK)
-        e = live_conclude(l, &d);
+    PVX_THEN(e, live_run(l, a->poses, &d));
+    PVX_THEN(e, live_conclude(l, &d));
     int code = e == PVX_OK ? 0 : e == PVX_ECANCELED ? 130 : cli_error(&d, e);
     if (code == 130)
         fprintf(stderr, "\npyrovox: stopped; no rig was written\n");

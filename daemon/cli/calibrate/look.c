@@ -30,8 +30,7 @@ static pvx_err detect(rec_board_detector *det, const struct cap_image *img,
 {
     int32_t w = img->width, h = img->height;
     float *grey = pvx_calloc((size_t)w * (size_t)h, sizeof *grey);
-    if (grey == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(grey);
     pvx_err e = cap_bin(img, 1, 1, 0, h, grey);
     if (e == PVX_OK) {
         const struct rec_board_picture in = {grey, w, h, w * (ptrdiff_t)sizeof *grey, true};
@@ -76,8 +75,7 @@ static pvx_err calibrate_look_at(rec_board_detector *det, struct calibrate_reel 
     struct cap_loaded in = {0};
     pvx_err e = reel != NULL ? calibrate_reel_read(reel, p->frame, &in.img, &d)
                              : cap_image_load(p->path, &in, &d);
-    if (e == PVX_OK)
-        e = detect(det, &in.img, p, &s, &d);
+    PVX_THEN(e, detect(det, &in.img, p, &s, &d));
     if (e == PVX_OK) {
         e = calibrate_keep(p, &s);
     } else if (e != PVX_ENOMEM) {

@@ -97,8 +97,7 @@ static pvx_err refine_write_rig(const struct flame_sets *s, const char *path, st
         memcpy(k->R, to->R, sizeof k->R);
         memcpy(k->t, to->t, sizeof k->t);
     }
-    if (e == PVX_OK)
-        e = opt_rig_save(&rig, s->a->rig, path, d);
+    PVX_THEN(e, opt_rig_save(&rig, s->a->rig, path, d));
     rec_rig_fini(&rig);
     return e;
 }

@@ -98,13 +98,11 @@ pvx_err calibrate_write_report(const char *path, void (*json)(struct dmn_json *j
     size_t len = 0;
     PVX_TRY(calibrate_report_possible(path, html != NULL, d));
     FILE *f = open_memstream(&text, &len);
-    if (f == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(f);
     pvx_err e = pvx_path_ends(path, ".json") ? dmn_json_print(f, json, of, d) : html(f, of);
     if (fclose(f) != 0 && e == PVX_OK)
         e = PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
+    PVX_THEN(e, pvx_file_write(path, text, len, d));
     free(text);
     return e;
 }

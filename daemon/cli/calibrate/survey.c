@@ -71,8 +71,7 @@ static pvx_err survey_note(struct calibrate_motion *m, size_t *room, float v)
     if (m->n == *room) {
         size_t more = *room == 0 ? 1024 : 2 * *room;
         float *of = realloc(m->of, more * sizeof *of);
-        if (of == NULL)
-            return PVX_ENOMEM;
+        PVX_NEED(of);
         m->of = of;
         *room = more;
     }
@@ -120,8 +119,7 @@ static void survey_camera(void *ctx, size_t c)
     struct thumb t = {0};
     struct pvx_diag d = {""};
     pvx_err e = calibrate_reel_open(&r, s->l, c, &d);
-    if (e == PVX_OK)
-        e = go_through(s, c, &r, &t, &d);
+    PVX_THEN(e, go_through(s, c, &r, &t, &d));
     calibrate_reel_close(&r);
     free(t.now);
     free(t.before);
@@ -256,8 +254,7 @@ static pvx_err survey_choose(struct survey *s)
     wanted = wanted > 0 ? wanted : sets; /* none: refused by calibrate_only */
     size_t every = l->every > 0 ? l->every : (wanted - 1) / CALIBRATE_LOOKED_AT + 1;
     size_t *at = pvx_calloc(sets / every + 2, sizeof *at);
-    if (at == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(at);
     size_t chosen = calibrate_choose(s->motion, l->n_cameras, every, at);
     if (l->always != REC_NO_FRAME)
         chosen = include(l, sets, at, chosen);

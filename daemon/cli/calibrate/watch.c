@@ -230,8 +230,7 @@ static pvx_err watch_add(struct live *l, uint32_t frame)
     struct calibrate_look *k = &l->job.look;
     struct calibrate_picture *more =
         realloc(k->picture, (k->n + k->n_cameras) * sizeof *k->picture);
-    if (more == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(more);
     k->picture = more;
     for (uint32_t c = 0; c < k->n_cameras; c++) {
         const struct live_eye *y = &l->eye[c];

@@ -130,8 +130,7 @@ static pvx_err override(const struct camtest_options *o, struct dmn_config *c, s
     if (o->trigger != NULL)
         n += snprintf(text + n, sizeof text - (size_t)n, "trigger: %.60s\n", o->trigger);
     struct dmn_config *word = pvx_calloc(1, sizeof *word);
-    if (word == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(word);
     dmn_config_defaults(word);
     pvx_err e = dmn_config_parse(text, (size_t)n, "options", word, d);
     if (e == PVX_OK && o->pixel_format != NULL)
@@ -243,8 +242,7 @@ pvx_err camtest_run(struct camtest *t, struct pvx_diag *d)
 {
     struct cap_stats *s = pvx_calloc(1, sizeof *s);
     struct cli_progress opening = {.label = "opening"}, watching = {.label = "watching"};
-    if (s == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(s);
     pvx_err e = cap_capture_start(t->capture, d);
     int64_t t0 = pvx_now_mono();
     while (e == PVX_OK && !cli_stop && !settled(t, s, pvx_now_mono() - t0)) {
@@ -305,18 +303,15 @@ static pvx_err cameras_save(const struct cap_image *raw, const char *path, struc
     pvx_err e = PVX_OK;
     if (raw->fmt == CAP_JPEG) {
         e = cap_jpeg_new(raw->width, raw->height, &jpeg);
-        if (e == PVX_OK)
-            e = cap_jpeg_decode(jpeg, raw, &img, d);
+        PVX_THEN(e, cap_jpeg_decode(jpeg, raw, &img, d));
     }
     int nch = e == PVX_OK ? cap_pixfmt_channels(img.fmt) : 1;
     size_t pixels = (size_t)img.width * (size_t)img.height;
     float *pix = e == PVX_OK ? pvx_calloc(pixels * 4, sizeof *pix) : NULL;
-    if (e == PVX_OK)
-        e = pix == NULL ? PVX_ENOMEM : cap_bin(&img, 1, nch, 0, img.height, pix);
+    PVX_THEN(e, pix == NULL ? PVX_ENOMEM : cap_bin(&img, 1, nch, 0, img.height, pix));
     for (size_t i = 0; e == PVX_OK && nch == 3 && i < pixels; i++) /* four floats to three */
         memmove(pix + 3 * i, pix + 4 * i, 3 * sizeof *pix);
-    if (e == PVX_OK)
-        e = look_save(&look_defaults, path, pix, img.width, img.height, nch, d);
+    PVX_THEN(e, look_save(&look_defaults, path, pix, img.width, img.height, nch, d));
     free(pix);
     cap_jpeg_free(&jpeg);
     return e;

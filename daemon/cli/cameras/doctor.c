@@ -68,11 +68,9 @@ static pvx_err get_load(const struct args *a, struct doc_load *l, struct pvx_dia
     doc_load_assumed(l);
     if (a->config != NULL) {
         struct dmn_config *c = pvx_calloc(1, sizeof *c);
-        if (c == NULL)
-            return PVX_ENOMEM;
+        PVX_NEED(c);
         pvx_err e = dmn_config_load(a->config, c, d);
-        if (e == PVX_OK)
-            e = doc_load_config(c, l, d);
+        PVX_THEN(e, doc_load_config(c, l, d));
         free(c);
         PVX_TRY(e);
     }
@@ -91,8 +89,7 @@ static pvx_err doctor_write_script(const char *path, const struct doctor *doctor
     char *text = NULL;
     size_t len = 0;
     FILE *f = open_memstream(&text, &len);
-    if (f == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(f);
     doc_script(f, doctor);
     pvx_err e = fclose(f) == 0 ? pvx_file_write(path, text, len, d) : PVX_ENOMEM;
     free(text);

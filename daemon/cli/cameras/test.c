@@ -88,8 +88,7 @@ static int test(const struct args *a)
     struct camtest *t = NULL;
     struct pvx_diag d = {""};
     pvx_err e = camtest_new(&a->o, &t, &d);
-    if (e == PVX_OK)
-        e = camtest_run(t, &d);
+    PVX_THEN(e, camtest_run(t, &d));
     if (e != PVX_OK) {
         camtest_free(&t);
         return cli_error(&d, e);

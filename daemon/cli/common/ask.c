@@ -107,8 +107,7 @@ static pvx_err put_to(struct whom whom, const char *text, int timeout_ms, cJSON 
     void *socket = zmq == NULL ? NULL : zmq_socket(zmq, ZMQ_REQ);
     pvp_door *door = NULL;
     pvx_err e = socket == NULL ? PVX_ENOMEM : pvp_door_new(zmq, socket, &door);
-    if (e == PVX_OK)
-        e = exchange(socket, door, whom, text, timeout_ms, out, d);
+    PVX_THEN(e, exchange(socket, door, whom, text, timeout_ms, out, d));
     pvp_door_free(&door);
     if (socket != NULL)
         zmq_close(socket);

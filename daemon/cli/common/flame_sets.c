@@ -155,8 +155,7 @@ static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in
     }
     pvx_err e =
         a->background != NULL ? frames_in_background(in, a->background, background, d) : PVX_OK;
-    if (e == PVX_OK)
-        e = load_all(s, in, background, d);
+    PVX_THEN(e, load_all(s, in, background, d));
     for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
         free(background[c]);
     return e;

@@ -86,8 +86,7 @@ static pvx_err follow_room(float **p, size_t *have, size_t want)
     free(*p);
     *have = 0;
     *p = pvx_calloc(want, sizeof **p);
-    if (*p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(*p);
     *have = want;
     return PVX_OK;
 }

@@ -442,10 +442,8 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
         const char *name = f->rig->cameras[n].name;
         f->loaded[n] = (struct cap_loaded){0};
         e = frames_in_background_file(dir, name, path, sizeof path, d);
-        if (e == PVX_OK)
-            e = pvx_file_check(path, d);
-        if (e == PVX_OK)
-            e = cap_image_load(path, &f->loaded[n], d);
+        PVX_THEN(e, pvx_file_check(path, d));
+        PVX_THEN(e, cap_image_load(path, &f->loaded[n], d));
         bool floats = cap_pixfmt_layout(f->loaded[n].img.fmt) == CAP_LAYOUT_F32;
         if (e == PVX_OK && !floats)
             e = read_as(f, path, &f->loaded[n], d);
@@ -461,10 +459,8 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
         if (e == PVX_OK && out[n] == NULL)
             e = pvx_fail(d, PVX_ENOMEM, "%s: no memory for backgrounds", dir);
     }
-    if (e == PVX_OK)
-        e = bin_some(f, false, dir, out, d);
-    if (e == PVX_OK)
-        e = bin_some(f, true, dir, out, d);
+    PVX_THEN(e, bin_some(f, false, dir, out, d));
+    PVX_THEN(e, bin_some(f, true, dir, out, d));
     for (size_t c = 0; c < n; c++)
         cap_loaded_free(&f->loaded[c]);
     return e;

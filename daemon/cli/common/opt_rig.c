@@ -98,8 +98,7 @@ pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_di
     if (o->basis >= 0)
         out->grid.basis = o->basis;
     pvx_err e = o->cameras != NULL ? rec_rig_select(out, o->cameras, d) : PVX_OK;
-    if (e == PVX_OK)
-        e = dmn_config_sees(out, o->path, d);
+    PVX_THEN(e, dmn_config_sees(out, o->path, d));
     if (e == PVX_OK && o->grid_auto)
         e = opt_rig_finest(o, out, d);
     if (e != PVX_OK)
@@ -136,11 +135,9 @@ pvx_err opt_rig_save(const struct rec_rig *rig, const char *from, const char *to
     if (e == PVX_OK && from != NULL)
         e = dmn_photometry_move(&there, from, to, d);
     name_meshes(&there, to);
-    if (e == PVX_OK)
-        e = rec_rig_format(&there, &text, &len);
+    PVX_THEN(e, rec_rig_format(&there, &text, &len));
     rec_rig_fini(&there);
-    if (e == PVX_OK)
-        e = pvx_file_write(to, text, len, d);
+    PVX_THEN(e, pvx_file_write(to, text, len, d));
     free(text);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s: %s", to, pvx_strerror(e));
 }

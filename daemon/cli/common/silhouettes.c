@@ -46,12 +46,9 @@ pvx_err silhouettes_new(struct silhouettes *s, struct frames_in *in,
     *s = (struct silhouettes){.in = in};
     PVX_TRY(rec_rig_copy(in->rig, &rig));
     pvx_err e = new_matrix(in->rig, in->binning, pool, &rig, &s->S, d);
-    if (e == PVX_OK)
-        e = rec_carver_new(s->S, &rig, p, pool, &s->carver, d);
-    if (e == PVX_OK)
-        e = rec_solver_new(s->S, p, &s->solver, d);
-    if (e == PVX_OK)
-        e = rec_frame_new(s->carver, s->solver, &s->frame, d);
+    PVX_THEN(e, rec_carver_new(s->S, &rig, p, pool, &s->carver, d));
+    PVX_THEN(e, rec_solver_new(s->S, p, &s->solver, d));
+    PVX_THEN(e, rec_frame_new(s->carver, s->solver, &s->frame, d));
     if (e == PVX_OK && background != NULL)
         e = frames_in_background(in, background, dark, d);
     for (size_t c = 0; c < rig.n_cameras; c++) {

@@ -170,14 +170,10 @@ static int experiment_run(int argc, char **argv)
     int rc = 0;
     pvx_err e = experiment_prepare(&x, &d);
     size_t before = x.state.n;
-    if (e == PVX_OK)
-        e = experiment_measure(&x, &d);
-    if (e == PVX_OK)
-        e = experiment_csv(&x, &d);
-    if (e == PVX_OK)
-        e = experiment_report(&x, &d);
-    if (e == PVX_OK)
-        e = experiment_pdf(&x);
+    PVX_THEN(e, experiment_measure(&x, &d));
+    PVX_THEN(e, experiment_csv(&x, &d));
+    PVX_THEN(e, experiment_report(&x, &d));
+    PVX_THEN(e, experiment_pdf(&x));
     if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop))
         rc = stopped(&x);
     else if (e != PVX_OK)

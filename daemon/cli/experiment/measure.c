@@ -133,10 +133,8 @@ static pvx_err one_grid(struct experiment *x, int g, struct pvx_diag *d)
             e = experiment_lab_open(&l, &p, d);
         if (e == PVX_OK && cli_stop)
             e = PVX_ECANCELED;
-        if (e == PVX_OK)
-            e = experiment_lab_load(&l, &x->in, x->set[i], d);
-        if (e == PVX_OK)
-            e = measure_unused(x, &l, key, d);
+        PVX_THEN(e, experiment_lab_load(&l, &x->in, x->set[i], d));
+        PVX_THEN(e, measure_unused(x, &l, key, d));
     }
     experiment_lab_close(&l);
     return e;

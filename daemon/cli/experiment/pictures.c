@@ -80,11 +80,9 @@ static pvx_err figure3(struct experiment *x, double *v, struct pvx_diag *d)
         e = dmn_flame_exposure(&h.with.S->grid, h.dense[0], h.with.nch, s.elevation_deg, x->pool,
                                &s.look.exposure);
     pictures_path_of(x, "fig3-without.png", path, sizeof path);
-    if (e == PVX_OK)
-        e = dmn_strip_save(&h.with.S->grid, h.dense[1], h.with.nch, &s, x->pool, path, d);
+    PVX_THEN(e, dmn_strip_save(&h.with.S->grid, h.dense[1], h.with.nch, &s, x->pool, path, d));
     pictures_path_of(x, "fig3.png", path, sizeof path);
-    if (e == PVX_OK)
-        e = dmn_strip_save(&h.with.S->grid, h.dense[0], h.with.nch, &s, x->pool, path, d);
+    PVX_THEN(e, dmn_strip_save(&h.with.S->grid, h.dense[0], h.with.nch, &s, x->pool, path, d));
     experiment_lab_close(&h.with);
     experiment_lab_close(&h.without);
     free(h.dense[0]);
@@ -108,9 +106,8 @@ static pvx_err figure4(struct experiment *x, struct experiment_lab *l, double *v
     v[2] = (double)k->outside;
     pictures_path_of(x, "fig4.png", path, sizeof path);
     pvx_err e = hull_picture_new(l->S, &l->rig, l->nch, x->params.hull.min_views, x->pool, &h);
-    if (e == PVX_OK)
-        e = hull_picture_save(h, l->frame, present, (uint64_t)x->in.number[x->set[x->one]], path,
-                              d);
+    PVX_THEN(e, hull_picture_save(h, l->frame, present, (uint64_t)x->in.number[x->set[x->one]],
+                                  path, d));
     hull_picture_free(&h);
     return e;
 }
@@ -206,9 +203,8 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
     struct look look = look_defaults;
     pvx_err e = dmn_auto_exposure(pix, n, &look.exposure);
     pictures_path_of(x, "fig7.png", path, sizeof path);
-    if (e == PVX_OK)
-        e = look_save(&look, path, pix, (int32_t)(3 * at.w * big), (int32_t)(at.h * big), l->nch,
-                      d);
+    PVX_THEN(e, look_save(&look, path, pix, (int32_t)(3 * at.w * big), (int32_t)(at.h * big),
+                          l->nch, d));
     free(pix);
     return e;
 }
@@ -264,8 +260,7 @@ static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pv
     pictures_path_of(x, "fig9.apng", path, sizeof path);
     pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
     pictures_path_of(x, "fig9.png", path, sizeof path);
-    if (e == PVX_OK)
-        e = dmn_strip_save(&l->S->grid, dense, l->nch, &s, x->pool, path, d);
+    PVX_THEN(e, dmn_strip_save(&l->S->grid, dense, l->nch, &s, x->pool, path, d));
     free(dense);
     return e;
 }
@@ -296,8 +291,7 @@ static pvx_err pictures_draw(struct experiment *x, struct experiment_lab *l, int
         e = experiment_lab_solve(l, experiment_used(x));
     } else if (i == ROOM) {
         e = experiment_lab_load(l, &x->in, x->set[x->one], d);
-        if (e == PVX_OK)
-            e = experiment_lab_solve(l, experiment_used(x) | (uint64_t)1 << x->unused);
+        PVX_THEN(e, experiment_lab_solve(l, experiment_used(x) | (uint64_t)1 << x->unused));
     }
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: %s", figure[i].file, pvx_strerror(e));
@@ -324,8 +318,7 @@ pvx_err experiment_pictures(struct experiment *x, struct pvx_diag *d)
             e = PVX_ECANCELED;
         else if (l.S == NULL)
             e = experiment_lab_open(&l, &p, d);
-        if (e == PVX_OK)
-            e = pictures_draw(x, &l, i, d);
+        PVX_THEN(e, pictures_draw(x, &l, i, d));
     }
     experiment_lab_close(&l);
     return e;

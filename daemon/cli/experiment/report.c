@@ -119,8 +119,7 @@ static pvx_err experiment_by_frame(const struct page *p)
     struct plot_series s[EXPERIMENT_GRIDS];
     char name[EXPERIMENT_GRIDS][24];
     double *v = pvx_calloc((grids + 1) * n, sizeof *v);
-    if (v == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(v);
     for (size_t g = 0; g < grids; g++) {
         for (size_t i = 0; i < n; i++) {
             const double *u = experiment_grid(x, (int)g, i);
@@ -369,8 +368,7 @@ pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d)
     pvx_err e = body(&p, d);
     if (fclose(p.f) != 0 && e == PVX_OK)
         e = pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
+    PVX_THEN(e, pvx_file_write(path, text, len, d));
     free(text);
     return e;
 }

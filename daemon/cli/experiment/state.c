@@ -20,8 +20,7 @@ static pvx_err state_keep(struct experiment_state *s, const struct experiment_un
     if (s->n == s->room) {
         size_t room = 2 * s->room + 64;
         struct experiment_unit *more = realloc(s->unit, room * sizeof *more);
-        if (more == NULL)
-            return PVX_ENOMEM;
+        PVX_NEED(more);
         s->unit = more;
         s->room = room;
     }

@@ -37,8 +37,7 @@ pvx_err hull_picture_new(const rec_sysmat *S, const struct rec_rig *rig, int nch
 {
     *out = NULL;
     hull_picture *h = pvx_calloc(1, sizeof *h);
-    if (h == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(h);
     size_t n = rec_grid_count(&S->grid);
     h->S = S;
     h->rig = rig;
@@ -398,8 +397,7 @@ pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *prese
         headline(h, &p, &counts, number);
         e = hull_picture_draw_view(h, &p, 0, 0);
     }
-    if (e == PVX_OK)
-        e = hull_picture_draw_view(h, &p, 1, other_view(h->rig));
+    PVX_THEN(e, hull_picture_draw_view(h, &p, 1, other_view(h->rig)));
     if (e != PVX_OK) {
         paint_fini(&p);
         return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));

@@ -104,13 +104,11 @@ static pvx_err exposure_of(struct movie *m, double *out)
     c.cy = (c.cy + 0.5) * k - 0.5;
     size_t n = (size_t)c.width * (size_t)c.height * (size_t)m->nch;
     float *pix = pvx_calloc(n, sizeof *pix);
-    if (pix == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(pix);
     pvx_err e = rec_render(&m->grid, m->dense, m->nch,
                            &(struct rec_eye){.camera = &c, .bodies = &m->rig->bodies, .sub = 1},
                            m->pool, pix);
-    if (e == PVX_OK)
-        e = dmn_auto_exposure(pix, n, out);
+    PVX_THEN(e, dmn_auto_exposure(pix, n, out));
     free(pix);
     return e;
 }
@@ -355,10 +353,8 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
                       .loaded = SIZE_MAX,
                       .lit = SIZE_MAX};
     pvx_err e = o->film ? PVX_OK : pvx_mkdirs(o->out, d);
-    if (e == PVX_OK)
-        e = movie_set_up(&m, d);
-    if (e == PVX_OK)
-        e = draw_all(&m, d);
+    PVX_THEN(e, movie_set_up(&m, d));
+    PVX_THEN(e, draw_all(&m, d));
     if (m.film != NULL && (e == PVX_OK || e == PVX_ECANCELED)) {
         pvx_err written = film_end(&m.film, d); /* keeps the pictures before a Ctrl-C */
         e = written != PVX_OK ? written : e;

@@ -33,8 +33,7 @@ static bool is_folder(const char *path)
 static pvx_err render_add(struct sources *s, const char *dir, const char *name)
 {
     char **path = realloc(s->path, (s->n + 1) * sizeof *path);
-    if (path == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(path);
     s->path = path;
     if (asprintf(&path[s->n], "%s%s%s", dir, *dir != '\0' ? "/" : "", name) < 0)
         return PVX_ENOMEM;
@@ -139,9 +138,8 @@ static pvx_err render_one(const struct render_options *o, const struct rec_eye *
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", o->out);
     rec_room *room = NULL;
     pvx_err e = o->room ? dmn_room_of(g, dense, nch, pool, &room) : PVX_OK;
-    if (e == PVX_OK)
-        e = room != NULL ? rec_room_render(room, c, o->sub, image)
-                         : rec_render(g, dense, nch, eye, pool, image);
+    PVX_THEN(e, room != NULL ? rec_room_render(room, c, o->sub, image)
+                             : rec_render(g, dense, nch, eye, pool, image));
     rec_room_free(&room);
     struct look look = o->look;
     bool png = pvx_path_ends(o->out, ".png");
@@ -178,8 +176,7 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
     } else if (o->from == RENDER_EYE) {
         e = render_eye(o, &g, &ideal, d);
         eye.camera = &ideal;
-        if (e == PVX_OK)
-            e = render_one(o, &eye, &g, dense, nch, pool, d);
+        PVX_THEN(e, render_one(o, &eye, &g, dense, nch, pool, d));
     } else {
         struct dmn_strip_params p = {.deg0 = o->deg0,
                                      .deg1 = o->deg1,
@@ -233,12 +230,9 @@ static int render_run(int argc, char **argv)
     struct sources s = {0};
     pvx_pool *pool = NULL;
     pvx_err e = o.rig != NULL ? rec_rig_load(o.rig, &rig, &d) : PVX_OK;
-    if (e == PVX_OK)
-        e = find_sources(&o, &s, &d);
-    if (e == PVX_OK)
-        e = pvx_pool_new(o.threads, "render", &pool);
-    if (e == PVX_OK)
-        e = pictures_render(&o, &rig, &s, pool, &d);
+    PVX_THEN(e, find_sources(&o, &s, &d));
+    PVX_THEN(e, pvx_pool_new(o.threads, "render", &pool));
+    PVX_THEN(e, pictures_render(&o, &rig, &s, pool, &d));
     pvx_pool_free(&pool);
     free_sources(&s);
     rec_rig_fini(&rig);

@@ -45,10 +45,8 @@ pvx_err dmn_room_film_save(const struct rec_grid *g, const float *dense, int nch
     pvx_err e = image != NULL ? dmn_room_of(g, dense, nch, pool, &room) : PVX_ENOMEM;
     if (e == PVX_OK && !(look.exposure > 0))
         e = dmn_room_exposure(g, dense, nch, pool, &look.exposure);
-    if (e == PVX_OK)
-        e = film_new(path, p->fps, &look, &film, d);
-    if (e == PVX_OK)
-        e = draw_views(room, p, nch, image, film, d);
+    PVX_THEN(e, film_new(path, p->fps, &look, &film, d));
+    PVX_THEN(e, draw_views(room, p, nch, image, film, d));
     if (film != NULL && (e == PVX_OK || e == PVX_ECANCELED)) {
         pvx_err written = film_end(&film, d);
         e = written != PVX_OK ? written : e;

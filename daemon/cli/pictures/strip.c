@@ -63,8 +63,7 @@ pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out)
     if (!(most > 0))
         return PVX_OK;
     float *lit = pvx_calloc(n, sizeof *lit);
-    if (lit == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(lit);
     size_t m = 0;
     for (size_t i = 0; i < n; i++)
         if (pix[i] > 0.01f * most)
@@ -89,8 +88,7 @@ pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch
         double f = 0;
         rec_orbit_camera(&box, side * pi / 2, elevation_deg * pi / 180, SMALL, SMALL, &c);
         e = rec_render(g, dense, nch, &(struct rec_eye){.camera = &c, .sub = 1}, pool, pix);
-        if (e == PVX_OK)
-            e = dmn_auto_exposure(pix, n, &f);
+        PVX_THEN(e, dmn_auto_exposure(pix, n, &f));
         *out = f > 0 && (*out == 0 || f < *out) ? f : *out;
     }
     free(pix);

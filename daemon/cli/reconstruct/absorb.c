@@ -36,8 +36,7 @@ pvx_err reconstruct_absorb(const struct reconstruct_options *o, double *c, struc
     struct rec_absorption found = {0};
     rec_unseen *u = NULL;
     pvx_err e = flame_sets_load(&s, &a, d);
-    if (e == PVX_OK)
-        e = rec_unseen_new(&s.rig, &s.params, s.pool, &u, d);
+    PVX_THEN(e, rec_unseen_new(&s.rig, &s.params, s.pool, &u, d));
     if (e == PVX_OK) {
         struct rec_check_source from = flame_sets_source(&s, "absorption");
         e = rec_absorption_find(u, &from, &found, d);

@@ -102,8 +102,7 @@ pvx_err reconstruct_mark(const struct reconstruct_look *l, rec_sysmat *outline,
     pvx_err e = silhouettes_new(&see, l->in, l->params, l->background, l->pool, d);
     if (e == PVX_OK && (brick == NULL || rec_hull_new(outline, &hull) != PVX_OK))
         e = pvx_fail(d, PVX_ENOMEM, "out of memory for silhouettes");
-    if (e == PVX_OK)
-        e = mark_sets(l, &see, hull, outline, brick, out);
+    PVX_THEN(e, mark_sets(l, &see, hull, outline, brick, out));
     if (e == PVX_OK)
         add_slabs(outline, out);
     free(brick);
@@ -177,8 +176,7 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
                                &outline, d));
     /* processes of a node share the whole matrix, but each has its own active part */
     pvx_err e = active_prepare(o, &all, rig, room / o->node_n, outline, d);
-    if (e == PVX_OK)
-        e = rec_sysmat_build_active(rig, &outline, pool, progress, out, d);
+    PVX_THEN(e, rec_sysmat_build_active(rig, &outline, pool, progress, out, d));
     rec_sysmat_free(&outline);
     return e;
 }

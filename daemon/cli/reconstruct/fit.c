@@ -60,8 +60,7 @@ static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool qui
                             size_t *with_light)
 {
     size_t *set = pvx_calloc(f->see.in->n, sizeof *set);
-    if (set == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(set);
     struct cli_progress bar = {.label = "fit volume", .quiet = quiet};
     size_t all = candidates(f->see.in, set), n = most > 0 && most < all ? most : all;
     pvx_err err = PVX_OK;
@@ -214,14 +213,11 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
     fp.binning = in->binning;
     fp.min_views = p->hull.min_views;
     pvx_err e = rec_fit_new(rig, &fp, pool, &fit, d);
-    if (e == PVX_OK)
-        e = silhouettes_new(&f.see, in, p, o->background, pool, d);
-    if (e == PVX_OK)
-        e = look_at_sets(&f, fit, o->fit_frames, o->quiet, &with_light);
+    PVX_THEN(e, silhouettes_new(&f.see, in, p, o->background, pool, d));
+    PVX_THEN(e, look_at_sets(&f, fit, o->fit_frames, o->quiet, &with_light));
     if (e == PVX_OK && (e = rec_fit_get(fit, 0, o->fit_margin, &box)) != PVX_OK)
         e = no_flame(in, box.sets, with_light, d);
-    if (e == PVX_OK)
-        e = use_box(o, fit, &box, in->n, cli_seconds_since(t0), rig, d);
+    PVX_THEN(e, use_box(o, fit, &box, in->n, cli_seconds_since(t0), rig, d));
     if (e == PVX_OK && !o->quiet)
         say_left_out(&f);
     silhouettes_free(&f.see);

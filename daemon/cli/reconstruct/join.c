@@ -175,8 +175,7 @@ static pvx_err reconstruct_join_join(const struct parts_job *j, size_t *missing,
     }
     const struct vol_join what = {
         .out = j->out, .part = file, .n_parts = n, .number = j->number, .n = j->n_sets};
-    if (e == PVX_OK)
-        e = vol_join(&what, missing, d);
+    PVX_THEN(e, vol_join(&what, missing, d));
     for (size_t k = 0; file != NULL && k < n; k++)
         free((char *)file[k]);
     free(file);

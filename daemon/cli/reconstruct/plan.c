@@ -91,8 +91,7 @@ static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_f
     struct dmn_volume_meta meta = {
         .grid = m->rig.grid, .nch = p->params->nch, .report = rec_frame_get_report(f)};
     pvx_err e = pvx_mkdirs(p->o->out, d);
-    if (e == PVX_OK)
-        e = dmn_volume_save(path, &meta, dense, d);
+    PVX_THEN(e, dmn_volume_save(path, &meta, dense, d));
     m->write_s = cli_seconds_since(t0);
     unlink(path);
     unlink(json);
@@ -120,8 +119,7 @@ static pvx_err write_recording(const struct plan *p, struct measure *m, const fl
         v.n_bricks = store.n;
         v.ids = store.ids;
         v.brick = store.brick;
-        if (e == PVX_OK)
-            e = vol_writer_put(w, &v, d);
+        PVX_THEN(e, vol_writer_put(w, &v, d));
         m->write_s = cli_seconds_since(t0);
     }
     pvx_err closing = vol_writer_close(&w, d);
@@ -326,14 +324,12 @@ pvx_err reconstruct_plan(const struct reconstruct_options *o, struct frames_in *
                          const struct rec_rig *rig, struct pvx_diag *d)
 {
     struct plan *p = pvx_calloc(1, sizeof *p);
-    if (p == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(p);
     *p = (struct plan){.o = o, .in = in, .params = params, .pool = pool};
     pvx_err e = rec_rig_copy(rig, &p->full.rig);
     if (e == PVX_OK) {
         e = rec_sysmat_resolve(rig, &o->rig.matrix, &p->full.p, d);
-        if (e == PVX_OK)
-            e = plan_run(p, d);
+        PVX_THEN(e, plan_run(p, d));
         plan_done(&p->full);
         plan_done(&p->part);
         rec_rig_fini(&p->full.rig);

@@ -287,8 +287,7 @@ static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
     pvx_err e = PVX_OK;
     if (o->background != NULL)
         e = frames_in_background(&j->in, o->background, background, d);
-    if (e == PVX_OK)
-        e = dmn_pipeline_new(&p, &j->pipeline, d);
+    PVX_THEN(e, dmn_pipeline_new(&p, &j->pipeline, d));
     for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
         free(background[c]);
     return e;
@@ -439,8 +438,7 @@ static int reconstruct_run(int argc, char **argv)
     pvx_err e = deal(&j, &o, &d);
     if (o.slurm > 0)
         o.parts = o.slurm;
-    if (e == PVX_OK)
-        e = reconstruct_prepare(&j, &d);
+    PVX_THEN(e, reconstruct_prepare(&j, &d));
     if (e == PVX_OK && o.slurm > 0)
         e = reconstruct_slurm(&j.part.job, o.resume, argc, argv, o.sbatch, &d);
     else if (e == PVX_OK && o.out != NULL && !o.plan && !j.part.nothing)

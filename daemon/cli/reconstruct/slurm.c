@@ -47,8 +47,7 @@ static pvx_err slurm_write_script(const struct parts_job *j, int argc, char **ar
     char *text = NULL;
     size_t len = 0;
     FILE *f = open_memstream(&text, &len);
-    if (f == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(f);
     /* a signal a minute before the time limit: the part ends in order and --resume continues it */
     fprintf(f,
             "#!/bin/sh\n"
@@ -70,8 +69,7 @@ static pvx_err slurm_write_script(const struct parts_job *j, int argc, char **ar
     }
     fprintf(f, " --array \"$SLURM_ARRAY_TASK_ID/%u\" --resume --quiet\n", j->n);
     bool ok = fclose(f) == 0;
-    if (e == PVX_OK)
-        e = ok ? pvx_file_write(path, text, len, d) : PVX_ENOMEM;
+    PVX_THEN(e, ok ? pvx_file_write(path, text, len, d) : PVX_ENOMEM);
     free(text);
     return e;
 }
@@ -170,8 +168,7 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
     char array[8100], output[4500], after[4100], join[8300], dir[3000], said[SAID], id[64];
     const char **argv = pvx_calloc(more->we_wordc + 10, sizeof *argv);
     size_t n = 0;
-    if (argv == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(argv);
     argv[n++] = "sbatch";
     argv[n++] = "--parsable";
     for (size_t i = 0; i < more->we_wordc; i++)
@@ -199,8 +196,7 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
         argv[n++] = output;
         argv[n++] = join;
         argv[n] = NULL;
-        if (e == PVX_OK)
-            e = sbatch(argv, said, d);
+        PVX_THEN(e, sbatch(argv, said, d));
         if (e == PVX_OK)
             printf("job %.60s: joins them into %s when they have ended\n", said, j->out);
     }
@@ -242,8 +238,7 @@ static pvx_err hand_out(const struct parts_job *j, const char *list, int argc, c
     pvx_err e = slurm_write_script(j, argc, argv, script, d);
     if (e == PVX_OK && chmod(script, 0755) != 0)
         e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", script, strerror(errno));
-    if (e == PVX_OK)
-        e = submit(j, list, script, &words, begun, d);
+    PVX_THEN(e, submit(j, list, script, &words, begun, d));
     wordfree(&words);
     return e;
 }

@@ -20,8 +20,7 @@ pvx_err volumes_out_new(const char *path, const struct rec_rig *rig, int nch, ui
     size_t len;
     *out = NULL;
     volumes_out *o = pvx_calloc(1, sizeof *o);
-    if (o == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(o);
     dmn_wire_start(rig, nch, 0, "pyrovox", &o->start);
     o->start.session = session;
     pvx_err e = rec_rig_format(rig, &text, &len);
@@ -52,8 +51,7 @@ pvx_err volumes_out_copy(volumes_out *o, const char *from, uint64_t *n, uint64_t
                     : pvx_fail(d, PVX_ESTALE, "%s: is of another rig or grid", from);
     for (uint64_t k = 0; k < vol_reader_count(r) && e == PVX_OK; k++) {
         e = cli_stop ? PVX_ECANCELED : vol_reader_get(r, k, &v, d);
-        if (e == PVX_OK)
-            e = vol_writer_put(o->w, &v, d);
+        PVX_THEN(e, vol_writer_put(o->w, &v, d));
         if (e == PVX_OK) {
             *last = v.v.set;
             ++*n;

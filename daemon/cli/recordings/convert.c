@@ -220,12 +220,9 @@ static pvx_err convert_volumes(struct convert *c, struct pvx_diag *d)
                 c->in, (unsigned long long)vol_reader_count(r));
     pvx_err e =
         vol_reader_count(r) > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", c->in);
-    if (e == PVX_OK)
-        e = convert_timed(c, r, d);
-    if (e == PVX_OK)
-        e = vol_writer_check((enum vol_format)c->format, c->out, d);
-    if (e == PVX_OK)
-        e = convert_copy(c, r, &w, d);
+    PVX_THEN(e, convert_timed(c, r, d));
+    PVX_THEN(e, vol_writer_check((enum vol_format)c->format, c->out, d));
+    PVX_THEN(e, convert_copy(c, r, &w, d));
     pvx_err e2 = vol_writer_close(&w, &closing);
     vol_reader_close(&r);
     return e != PVX_OK    ? e

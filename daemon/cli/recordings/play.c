@@ -84,8 +84,7 @@ static pvx_err may_publish(struct play *p, struct pvx_diag *d)
 {
     const char *open;
     struct dmn_config *c = malloc(sizeof *c);
-    if (c == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(c);
     dmn_config_defaults(c);
     snprintf(c->name, sizeof c->name,
              "--endpoint (here --key is keys.server, --clients keys.clients)");
@@ -243,8 +242,7 @@ static int play_run(int argc, char **argv)
     cli_parse(rows, &argp, 0, argc, argv, &p);
     cli_catch_stop();
     pvx_err e = may_publish(&p, &d);
-    if (e == PVX_OK)
-        e = open_recording(&p, &d);
+    PVX_THEN(e, open_recording(&p, &d));
     if (e == PVX_OK)
         do
             e = play_session(&p, &d);

@@ -207,8 +207,7 @@ static pvx_err record_event(struct record *r, const void *msg, size_t len)
     if (kind != NULL && strcmp(kind, "sets_missing") == 0 && why != NULL &&
         strcmp(why, vol_gap_names[VOL_GAP_UNSOLVED]) == 0 && first > r->last_set && last >= first) {
         e = record_gap(r, VOL_GAP_LOST, first - 1, 0);
-        if (e == PVX_OK)
-            e = record_gap(r, VOL_GAP_UNSOLVED, last, record_number(o, "volumes"));
+        PVX_THEN(e, record_gap(r, VOL_GAP_UNSOLVED, last, record_number(o, "volumes")));
     }
     cJSON_Delete(o);
     return e;
@@ -395,8 +394,7 @@ static int record_raw(const char *control, const char *key, const char *action, 
     cJSON *reply = NULL;
     const char *const words[] = {"record", action, "raw", out == NULL ? NULL : path, NULL};
     pvx_err e = out == NULL ? PVX_OK : record_absolute(out, path, sizeof path, &d);
-    if (e == PVX_OK)
-        e = ask_words(control, key, words, 0, &reply, &d);
+    PVX_THEN(e, ask_words(control, key, words, 0, &reply, &d));
     if (e != PVX_OK)
         return cli_error(&d, e);
     printf("%s %s\n", strcmp(action, "start") == 0 ? "recording raw frames to" : "recorded",
@@ -427,16 +425,13 @@ static int record_run(int argc, char **argv)
     if (r.parent != 0)
         r.daemon_config = read_config();
     pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* errors show before a long wait */
-    if (e == PVX_OK)
-        e = pvp_decoder_new(&r.decoder);
+    PVX_THEN(e, pvp_decoder_new(&r.decoder));
     if (e == PVX_OK)
         e = pvp_sub_new(r.endpoint, &(struct pvp_sub_options){.key = r.key}, &r.sub, &d);
-    if (e == PVX_OK)
-        e = record_run_loop(&r, &d);
+    PVX_THEN(e, record_run_loop(&r, &d));
     struct vol_recorder_stats st = {0};
     pvx_err closing = vol_recorder_finish(&r.rec, &st, &d);
-    if (e == PVX_OK)
-        e = closing;
+    PVX_THEN(e, closing);
     if (r.sub != NULL)
         record_conclude(&r, &st);
     if (st.written == 0 && !there)

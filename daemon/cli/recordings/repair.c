@@ -75,8 +75,7 @@ static pvx_err repair_copy(struct repair *r, vol_reader *in, vol_writer *out, st
             r->bad++;
             continue;
         }
-        if (e == PVX_OK)
-            e = vol_writer_put(out, &v, d);
+        PVX_THEN(e, vol_writer_put(out, &v, d));
         if (e != PVX_OK)
             return e;
         r->good++;
@@ -106,8 +105,7 @@ static pvx_err repair_finish(struct repair *r, vol_reader *in, struct pvx_diag *
     snprintf(r->kept, sizeof r->kept, "%s.cut-off", r->file);
     PVX_TRY(vol_writer_open(VOL_HDF5, r->made, vol_reader_head(in), NULL, &out, d));
     pvx_err e = repair_copy(r, in, out, d), closing = vol_writer_close(&out, d);
-    if (e == PVX_OK)
-        e = closing;
+    PVX_THEN(e, closing);
     if (e == PVX_OK && !cli_stop)
         e = repair_swap(r, d);
     if (e != PVX_OK || cli_stop)
@@ -169,10 +167,9 @@ static int repair_run(int argc, char **argv)
     pvx_err e = strlen(r.file) < 1000
                     ? vol_reader_open(r.file, &in, &d)
                     : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
-    if (e == PVX_OK)
-        e = vol_reader_format(in) == VOL_HDF5
-                ? repair_hdf5(&r, in, &done, &d)
-                : vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
+    PVX_THEN(e, vol_reader_format(in) == VOL_HDF5
+                    ? repair_hdf5(&r, in, &done, &d)
+                    : vol_repair_folder(r.file, &r.good, &r.bad, &done, &d));
     vol_reader_close(&in);
     if (e != PVX_OK)
         return cli_error(&d, e);

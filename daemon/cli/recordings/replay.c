@@ -192,8 +192,7 @@ static pvx_err replay_make_folder(struct folder *f, struct dmn_config *c, const 
     }
     record_here(c);
     char *text = dmn_config_format(c);
-    if (text == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(text);
     pvx_err e = pvx_file_write(f->config, text, strlen(text), d);
     free(text);
     return e;
@@ -248,8 +247,7 @@ static int replay_play(const struct args *a, const cap_take *t)
         return cli_error(NULL, PVX_ENOMEM);
     cli_catch_stop();
     pvx_err e = make_config(a, t, c, &d);
-    if (e == PVX_OK)
-        e = replay_make_folder(&f, c, t, &d);
+    PVX_THEN(e, replay_make_folder(&f, c, t, &d));
     free(c);
     int rc = e == PVX_OK ? run_daemon(&f, &d) : -1;
     replay_remove_folder(&f);

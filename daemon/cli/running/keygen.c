@@ -67,8 +67,7 @@ static int keygen_run(int argc, char **argv)
     pvx_err e = pvp_key_make(&k, &d);
     if (e == PVX_OK && a.server != NULL)
         e = server_key(a.server, k.server, &d);
-    if (e == PVX_OK)
-        e = pvp_key_write(a.name, a.control ? PVP_ROLE_CONTROL : PVP_ROLE_READ, &k, &d);
+    PVX_THEN(e, pvp_key_write(a.name, a.control ? PVP_ROLE_CONTROL : PVP_ROLE_READ, &k, &d));
     explicit_bzero(&k, sizeof k);
     if (e != PVX_OK)
         return cli_error(&d, e);

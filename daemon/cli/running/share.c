@@ -139,11 +139,9 @@ static pvx_err share_volume(struct share *s, const void *msg, size_t len, struct
     struct pvx_diag bad = {""};
     const size_t cells = (size_t)PVP_BRICK * PVP_BRICK * PVP_BRICK;
     pvx_err e = pvp_decode_volume(msg, len, &w, &bad);
-    if (e == PVX_OK)
-        e = vol_store_grow(&s->store, w.n_bricks, w.v.grid.channels);
-    if (e == PVX_OK)
-        e = pvp_volume_bricks(s->decoder, &w, s->store.ids, s->store.brick,
-                              cells * w.n_bricks * w.v.grid.channels, &bad);
+    PVX_THEN(e, vol_store_grow(&s->store, w.n_bricks, w.v.grid.channels));
+    PVX_THEN(e, pvp_volume_bricks(s->decoder, &w, s->store.ids, s->store.brick,
+                                  cells * w.n_bricks * w.v.grid.channels, &bad));
     if (e == PVX_ENOMEM)
         return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
     if (e != PVX_OK)

@@ -303,13 +303,11 @@ pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_p
     for (size_t c = 0; p->state != NULL && c < rig->n_cameras; c++)
         out->late[c] = (size_t)p->state[c].fault.late;
     struct job *j = pvx_calloc(1, sizeof *j);
-    if (j == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(j);
     j->p = p;
     j->out = out;
     pvx_err e = ring_allocate(j);
-    if (e == PVX_OK)
-        e = render_all(j, progress, ctx);
+    PVX_THEN(e, render_all(j, progress, ctx));
     free_each(j->scratch, rig->n_cameras);
     free(j);
     if (e != PVX_OK)

@@ -458,12 +458,10 @@ static int simcams_run(int argc, char **argv)
     cli_catch_stop();
     struct pvx_diag d = {""};
     pvx_err e = get_rig(&a, &s->rig, &d);
-    if (e == PVX_OK)
-        e = get_faults(s, &d);
+    PVX_THEN(e, get_faults(s, &d));
     if (e == PVX_OK && a.private_net)
         e = cap_netns_enter((unsigned)s->rig.n_cameras, &d); /* still one thread */
-    if (e == PVX_OK)
-        e = get_ring(s, &d);
+    PVX_THEN(e, get_ring(s, &d));
     int code = e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;
     if (e == PVX_OK)
         code = a.write_frames != NULL ? write_frames(s) : start_and_serve(s);

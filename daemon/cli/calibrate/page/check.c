@@ -43,8 +43,7 @@ static pvx_err bitmap(FILE *f, const struct rec_check_picture *q, double height)
     size_t size = HEAD + (size_t)COLOURS * 4 + row * h;
     float top = 1e-9F;
     uint8_t *v = pvx_calloc(size, 1);
-    if (v == NULL)
-        return PVX_ENOMEM;
+    PVX_NEED(v);
     for (size_t i = 0; i < w * h; i++)
         top = q->b[i] > top ? q->b[i] : top;
     v[0] = 'B', v[1] = 'M';
