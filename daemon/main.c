@@ -1,15 +1,12 @@
 /* main.c - pyrovoxd: arguments and start/stop order only. */
 #include <argp.h>
-#include <limits.h>
 #include <malloc.h>
-#include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/prctl.h>
 #include <systemd/sd-daemon.h>
-#include <time.h>
 
 #include "base/clock.h"
 #include "base/cpu.h"

@@ -1,5 +1,4 @@
 #include <lz4.h>
-#include <math.h>
 #include <stdlib.h>
 #include <zstd.h>
 

@@ -1,5 +1,4 @@
 #include <lz4.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 

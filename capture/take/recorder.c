@@ -14,7 +14,6 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/queue.h"
 
 #define N_GAPS     1024
 #define STUCK_NS   (10 * PVX_NS_PER_S) /* half of what the service manager waits (TimeoutStopSec) */

@@ -4,7 +4,6 @@
  * mode for some milliseconds (close, open, make, start again).  Otherwise all tables only grow.  Metadata gets blocks
  * of META bytes, so that rows and chunk indices lie before the pixels that they describe.  A file that is cut
  * anywhere still describes all pixels that are left. */
-#include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <stdio.h>

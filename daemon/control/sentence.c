@@ -1,7 +1,6 @@
 /* sentence.c - the condition of the daemon in one line: STATUS of sd_notify(3). */
 #include <stdarg.h>
 #include <stdio.h>
-#include <string.h>
 
 #include "daemon/control/state.h"
 #include "recon/vote/wrong.h"

@@ -1,7 +1,6 @@
 #include "daemon/control/votes.h"
 
 #include <stdio.h>
-#include <string.h>
 
 #include "base/log.h"
 

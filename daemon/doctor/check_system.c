@@ -1,7 +1,6 @@
 /* check_system.c - kernel and machine. */
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "daemon/doctor/checks.h"
 #include "daemon/doctor/parse.h"

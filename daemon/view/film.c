@@ -3,7 +3,6 @@
 #include <stdlib.h>
 
 #include "base/clock.h"
-#include "base/mem.h"
 #include "daemon/view/source.h"
 #include "daemon/volumes/voxels.h"
 

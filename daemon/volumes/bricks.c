@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
-
 #define B PVP_BRICK
 
 pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels)

@@ -3,12 +3,10 @@
  * Everything in the file is checked before it is used: types, ranks, sizes, the chunks of a set against the hash in
  * its row.  A set counts when its row and all its chunks are there.  Sets are appended in order, so bisection finds
  * the first incomplete set of a file that was cut. */
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <xxhash.h>
 
 #include "base/file.h"

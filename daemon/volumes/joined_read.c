@@ -11,7 +11,6 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "daemon/volumes/hdf5.h"
-#include "daemon/volumes/join.h"
 
 #define NONE SIZE_MAX
 

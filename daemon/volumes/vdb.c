@@ -1,7 +1,6 @@
 /* vdb.c - recordings of volumes in OpenVDB and NanoVDB: numbered files, made by the module. */
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "daemon/volumes/numbered.h"
 #include "daemon/volumes/vdb_layout.h"

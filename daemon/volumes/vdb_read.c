@@ -1,6 +1,5 @@
 /* vdb_read.c - reads numbered .vdb or .nvdb files (or one) as a recording.  Values in their notes are checked against
  * bounds (vdb_notes.h).  OpenVDB reads the rest, where it can do no harm (vdb_child.h). */
-#include <errno.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,7 +2,6 @@
 #include "recon/geom/spd.h"
 
 #include <math.h>
-#include <string.h>
 
 /* Centre and spread of the weighted points: (x - c[0]) / c[2]. */
 static bool normaliser(const struct rec_pair *p, size_t n, bool picture, double c[3])

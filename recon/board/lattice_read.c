@@ -1,7 +1,6 @@
 /* lattice_read.c - finds which corners of a board the nodes of a lattice are. */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 #include "recon/board/homography.h"

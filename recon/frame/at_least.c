@@ -1,5 +1,4 @@
 /* at_least.c - saturated pixels as rows that say "at least this" (recon/solve/bound.h). */
-#include <math.h>
 #include <string.h>
 
 #include "recon/frame/impl.h"

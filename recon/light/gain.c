@@ -2,7 +2,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
 #include "recon/light/parts.h"
 
 void rec_light_middle(const struct rec_light_picture *p, double out[3])

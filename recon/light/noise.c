@@ -1,6 +1,5 @@
 /* noise.c - read noise and gain by photon transfer; the equation in light.h, (4). */
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 #include "recon/light/parts.h"

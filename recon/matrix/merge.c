@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-#include "base/mem.h"
 #include "recon/matrix/entries.h"
 
 #define CHUNK  16384 /* columns per task */

@@ -1,7 +1,6 @@
 /* new.c - the data of the vote that depends on the rig alone, computed once. */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/median.h"
 #include "base/mem.h"

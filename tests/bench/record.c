@@ -7,7 +7,6 @@
 
 #include "base/file.h"
 #include "capture/pixel/pixfmt.h"
-#include "shot.h"
 #include "plume.h"
 
 #define FRAMES 12 /* of one instant, each with noise of its own */

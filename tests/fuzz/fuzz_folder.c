@@ -4,7 +4,6 @@
 #include <math.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 #include <xxhash.h>
 
 #include "base/file.h"
@@ -13,7 +12,6 @@
 #include "daemon/volumes/numbered.h"
 #include "daemon/volumes/voxels.h"
 #include "tests/fuzz/fuzz.h"
-#include "tests/lib/volumes.h"
 
 static char folder[] = "/dev/shm/fuzz_folder-XXXXXX", npy[64], json[64], list[64], numbered[64],
             again[64];

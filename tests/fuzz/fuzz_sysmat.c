@@ -1,7 +1,6 @@
 /* Any bytes as a matrix file: refused with a message, or a matrix whose every window is in bounds.
  * Each input is tried as it is and with its checksums made right, so that what lies behind them is
  * reached too. */
-#include <math.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>

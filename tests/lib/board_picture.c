@@ -3,9 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
-#include "base/file.h"
 #include "base/random.h"
 #include "recon/board/print.h"
 #include "recon/board/spec.h"

@@ -1,5 +1,4 @@
 /* The traps of GigE cameras behind Aravis, each one made to happen by a camera of our own. */
-#include <math.h>
 #include <net/if.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>

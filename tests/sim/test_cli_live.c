@@ -8,7 +8,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "base/clock.h"
 #include "base/file.h"
 #include "daemon/cli/simcams/ring.h"
 #include "daemon/pipeline/volume_file.h"

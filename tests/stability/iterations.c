@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
 #include "tests/lib/entries.h"
 #include "tests/lib/product.h"
 #include "recon/frame/inside.h"

@@ -10,7 +10,6 @@
 #include "tests/stability/stab.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 #include "tests/lib/entries.h"

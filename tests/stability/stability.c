@@ -4,7 +4,6 @@
  *     stability [--quick] [FOLDER]      FOLDER for stability.csv and condition.csv */
 #include "tests/stability/stab.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"

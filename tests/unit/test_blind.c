@@ -2,8 +2,6 @@
  * accused. */
 #include "recon/geom/blind.h"
 
-#include <math.h>
-
 #include "../t.h"
 
 /* A right rig: the volume does not lie at the world's origin, so that every wrong reading loses it. */

@@ -2,7 +2,6 @@
  * of the markers; and where a held board is. */
 #include "recon/board/shot.h"
 
-#include "base/mem.h"
 #include "recon/board/hold.h"
 #include "recon/board/spec.h"
 #include "tests/lib/board_picture.h"

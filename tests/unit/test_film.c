@@ -6,7 +6,6 @@
 
 #include "base/file.h"
 #include "capture/files/imgio.h"
-#include "daemon/cli/pictures/ffmpeg.h"
 #include "daemon/cli/pictures/film.h"
 #include "recon/view/key_frames.h"
 #include "tests/lib/plugins.h"

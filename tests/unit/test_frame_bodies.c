@@ -3,7 +3,6 @@
  * The pictures are sums along rays up to the rod, not products of the matrix. */
 #include "recon/frame/frame.h"
 #include "base/mem.h"
-#include "recon/view/metrics.h"
 #include "tests/lib/centre.h"
 #include "tests/t.h"
 

@@ -6,7 +6,6 @@
 
 #include "base/log.h"
 #include "daemon/pipeline/images.h"
-#include "tests/lib/slot.h"
 
 enum { N = 6, W = 64, H = 48, BIN = 2 };
 

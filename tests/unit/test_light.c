@@ -2,8 +2,6 @@
  * flats and responses are judged by tests/sim/test_cli_light.c. */
 #include "../t.h"
 
-#include <stdbool.h>
-
 #include "recon/light/light.h"
 
 T_CASE(gains_have_the_product_1)

@@ -1,9 +1,6 @@
 /* test_meant.c - the mistake in a rig that explains silhouettes: named if it is one, and never without one. */
 #include "recon/check/meant.h"
 
-#include <math.h>
-
-#include "tests/lib/must.h"
 #include "../t.h"
 
 enum { N = 8, W = 160, H = 120, BIN = 2, BW = W / BIN, BH = H / BIN };

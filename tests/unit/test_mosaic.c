@@ -7,7 +7,6 @@
 #include "capture/pixel/pixfmt.h"
 #include "recon/solve/impl.h"
 #include "recon/carve/photo.h"
-#include "recon/carve/photo_mosaic.h"
 #include "recon/frame/inside.h"
 
 enum { W = 64, H = 48 };

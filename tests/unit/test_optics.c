@@ -3,7 +3,6 @@
 #include "capture/gevsim/optics.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 #include "tests/t.h"
 

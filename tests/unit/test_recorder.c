@@ -17,7 +17,6 @@
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "base/log.h"
 #include "capture/source/bufpool.h"
 #include "capture/take/recorder.h"
 #include "tests/lib/scratch.h"

@@ -5,9 +5,7 @@
 
 #include "base/clock.h"
 #include "recon/solve/impl.h"
-#include "tests/lib/product.h"
 #include "tests/lib/scene.h"
-#include "tests/lib/slot.h"
 #include "tests/lib/system.h"
 
 static struct rec_frame_params frame_params(void)

@@ -2,7 +2,6 @@
 #include <math.h>
 
 #include "recon/frame/impl.h"
-#include "recon/solve/solve.h"
 #include "tests/lib/scene.h"
 
 /* The scene's pictures, clipped where they are above `full`. */

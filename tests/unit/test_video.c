@@ -2,7 +2,6 @@
 #include "tests/t.h"
 
 #include <stdlib.h>
-#include <unistd.h>
 
 #include "base/file.h"
 #include "capture/files/imgio.h"

@@ -3,7 +3,6 @@
 #include <netinet/in.h>
 #include <sys/stat.h>
 
-#include "base/file.h"
 #include "daemon/view/gate.h"
 #include "tests/lib/scratch.h"
 #include "tests/t.h"

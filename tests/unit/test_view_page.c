@@ -1,11 +1,9 @@
 /* A page at the other end of a socket pair: credits, what is newest, what is small; the shelf; the relay; the words. */
-#include <errno.h>
 #include <fcntl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "base/mem.h"
 #include "daemon/view/files.h"
 #include "daemon/view/page.h"
 #include "daemon/view/poses.h"

@@ -14,7 +14,6 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "base/mem.h"
 #include "tests/vm/uvc/camera.h"
 #include "tests/vm/uvc/descriptors.h"
 

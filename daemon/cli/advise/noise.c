@@ -1,4 +1,3 @@
-#include "base/mem.h"
 #include "daemon/cli/advise/advise.h"
 
 pvx_err advise_noise(const struct flame_sets *s, struct advice *a, struct pvx_diag *d)

@@ -1,5 +1,4 @@
 /* board.c - `pyrovox calibrate board`: the sheet to print. */
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 #include "daemon/cli/calibrate/check_say.h"
 
 #include <math.h>
-#include <string.h>
 
 #define DEGREES 57.29577951308232
 

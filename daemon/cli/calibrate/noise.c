@@ -1,5 +1,4 @@
 /* noise.c - `pyrovox calibrate noise`: read noise and gain of each camera, by photon transfer. */
-#include <math.h>
 #include <stdio.h>
 
 #include "daemon/cli/calibrate/calibrate.h"

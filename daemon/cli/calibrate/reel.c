@@ -1,7 +1,6 @@
 #include "daemon/cli/calibrate/reel.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 pvx_err calibrate_reel_open(struct calibrate_reel *r, struct calibrate_look *l, size_t camera,
                             struct pvx_diag *d)

@@ -1,6 +1,5 @@
 /* refine.c - `pyrovox calibrate refine`: the poses of a rig corrected by a flame. */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 

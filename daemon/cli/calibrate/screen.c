@@ -1,9 +1,7 @@
 #include "daemon/cli/calibrate/screen.h"
 
-#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
-#include <string.h>
 #include <unistd.h>
 
 #include "base/clock.h"

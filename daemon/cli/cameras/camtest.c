@@ -6,7 +6,6 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "capture/files/imgio.h"
 #include "capture/pixel/jpeg.h"
 #include "capture/pixel/pixfmt.h"
 #include "daemon/cli/pictures/look.h"

@@ -1,7 +1,6 @@
 /* report.c - a test of cameras as a table and as JSON. */
 #include <math.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "daemon/cli/cameras/camtest.h"
 #include "daemon/control/json.h"

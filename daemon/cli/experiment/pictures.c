@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include "base/mem.h"
-#include "capture/files/imgio.h"
 #include "daemon/cli/common/silhouettes.h"
 #include "daemon/cli/experiment/experiment.h"
 #include "daemon/cli/pictures/hull_picture.h"

@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include "daemon/pipeline/pipeline.h"
-#include "recon/matrix/subsys.h"
 
 #define LOOK_MATRIX 0.6e9 /* silhouettes.c */
 

@@ -9,7 +9,6 @@
 #include <xxhash.h>
 
 #include "base/file.h"
-#include "daemon/cli/common/cli.h"
 #include "daemon/volumes/join.h"
 
 #define EARLY \

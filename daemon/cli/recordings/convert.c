@@ -1,8 +1,5 @@
 /* pyrovox convert - a recording of volumes in another format. */
-#include <errno.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
 #include "daemon/cli/common/arg.h"

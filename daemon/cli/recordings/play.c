@@ -1,12 +1,9 @@
 /* pyrovox play - a recording of volumes published again, to develop a client without a rig. */
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <time.h>
 
 #include "base/clock.h"
-#include "base/mem.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/config/endpoints.h"

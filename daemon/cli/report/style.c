@@ -1,5 +1,4 @@
 /* style.c - the look of the report: light, dark if the browser asks for it, and on paper. */
-#include "daemon/cli/report/html.h"
 
 const char report_style[] =
     ":root{color-scheme:light "

@@ -1,5 +1,4 @@
 /* ctl.c - `pyrovox ctl`: send a command of the daemon's own table to a running daemon. */
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

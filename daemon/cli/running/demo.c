@@ -14,8 +14,6 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/spawn.h"
-#include "base/yaml.h"
-#include "capture/files/imgio.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"

@@ -1,9 +1,6 @@
 /* pyrovox share - the newest volume in shared memory, for programs of this host. */
-#include <errno.h>
 #include <poll.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
 #include "base/clock.h"

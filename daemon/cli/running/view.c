@@ -7,7 +7,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "base/mem.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/config/endpoints.h"

@@ -13,7 +13,6 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/spawn.h"
-#include "base/yaml.h"
 #include "capture/gevsim/netns.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/simcams/options.h"

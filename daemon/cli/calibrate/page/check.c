@@ -1,11 +1,9 @@
 /* check.c - the page of a check: the verdict, and each camera's picture compared with the other cameras. */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 #include "daemon/cli/calibrate/check_say.h"
-#include "daemon/cli/calibrate/page/figures.h"
 #include "daemon/cli/report/html.h"
 #include "daemon/cli/report/plot.h"
 

@@ -5,7 +5,6 @@
 #include "daemon/cli/calibrate/page/figures.h"
 #include "daemon/cli/report/html.h"
 #include "recon/board/spec.h"
-#include "recon/geom/rig.h"
 
 /* ---- the verdict ---- */
 
