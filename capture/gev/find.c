@@ -330,8 +330,7 @@ static ArvCamera *gev_find_camera(const struct cap_source_config *c, struct arav
         *why = PVX_EBUSY;
     else if (announces_nonsense(address))
         *why = CAP_FAIL(c, "aravis", d, PVX_ECORRUPT,
-                        "announces a GenICam file of more than %u MiB; "
-                        "restore its firmware",
+                        "announces a GenICam file of more than %u MiB; restore its firmware",
                         XML_MAX >> 20);
     else if (find_route(address, route))
         cam = gev_find_open(c, route, NULL, why, d);
@@ -352,8 +351,7 @@ pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
         return why;
     if (cam == NULL && why == PVX_ENOENT)
         return CAP_FAIL(c, "aravis", d, PVX_ENOENT,
-                        "no camera answers there; `pyrovox cameras` lists "
-                        "those that do");
+                        "no camera answers there; `pyrovox cameras` lists those that do");
     ArvDevice *dev = cam != NULL ? arv_camera_get_device(cam) : NULL;
     if (cam == NULL ||
         (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev)))) {

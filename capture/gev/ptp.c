@@ -63,8 +63,7 @@ pvx_err aravis_ptp_enable(const struct cap_source_config *c, ArvCamera *cam, str
         return PVX_OK;
     if (n == NULL)
         return CAP_FAIL(c, "aravis", d, PVX_EUNSUP,
-                        "ptp refused: the camera has neither PtpEnable nor "
-                        "GevIEEE1588%s",
+                        "ptp refused: the camera has neither PtpEnable nor GevIEEE1588%s",
                         aravis_near(cam, "Ptp").text);
     if (!aravis_has(cam, n->state))
         return aravis_lacks(c, cam, "ptp", n->state, d);

@@ -56,9 +56,8 @@ static pvx_err no_such_trigger(const struct cap_source_config *c, const char *wa
     for (guint i = 0; i < n && at < sizeof have; i++)
         at += (size_t)snprintf(have + at, sizeof have - at, "%s%s", i > 0 ? ", " : "", list[i]);
     return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
-                    "cannot be triggered by %s: the trigger sources that it "
-                    "offers are: %s",
-                    want, have);
+                    "cannot be triggered by %s: the trigger sources that it offers are: %s", want,
+                    have);
 }
 
 /* Set the source, and check that the camera waits for it. */
@@ -78,9 +77,8 @@ static pvx_err trigger_wait_for(const struct cap_source_config *c, ArvCamera *ca
     if (same && mode != NULL && strcmp(mode, "On") == 0)
         return PVX_OK;
     return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
-                    "trigger source %s refused: the camera has %s, trigger "
-                    "mode %s",
-                    source, now, mode != NULL ? mode : "?");
+                    "trigger source %s refused: the camera has %s, trigger mode %s", source, now,
+                    mode != NULL ? mode : "?");
 }
 
 /* Make the line an input.  Cameras without the choice have fixed lines. */

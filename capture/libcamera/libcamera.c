@@ -386,8 +386,7 @@ static pvx_err libcamera_set_up(struct source *s, struct pvx_diag *d)
     PVX_THEN(e, open_camera(s, all.id[i], d));
     if (e == PVX_OK && s->c.fps > 0 && !s->layout.has_duration)
         CAP_LOG(PVX_LOG_INFO, &s->c, "libcamera", "own_rate",
-                "its frame rate cannot be set through libcamera %s: it sends "
-                "at its own",
+                "its frame rate cannot be set through libcamera %s: it sends at its own",
                 lc()->library);
     if (e == PVX_OK)
         CAP_DEBUG(&s->c, "libcamera", "%s, %s %dx%d, %u buffers%s", all.id[i],

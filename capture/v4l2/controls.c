@@ -264,8 +264,7 @@ static pvx_err controls_set_feature(const struct cap_source_config *c, const str
     control q;
     if (!controls_find(dev, f->name, &q))
         return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
-                        "the camera has no control %s; `v4l2-ctl -d %s -L` "
-                        "lists those it has",
+                        "the camera has no control %s; `v4l2-ctl -d %s -L` lists those it has",
                         f->name, dev->node);
     return controls_set(c, dev, &q, f->value, d);
 }
@@ -313,8 +312,7 @@ static pvx_err controls_set_exposure(const struct cap_source_config *c,
     double want = c->exposure_us / 100;
     if (want < (double)q.minimum - 0.5 || want > (double)q.maximum + 0.5)
         return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
-                        "exposure_us = %g refused: the camera offers %lld to "
-                        "%lld us",
+                        "exposure_us = %g refused: the camera offers %lld to %lld us",
                         c->exposure_us, (long long)q.minimum * 100, (long long)q.maximum * 100);
     return set_value(c, dev, &q, llrint(want), d);
 }

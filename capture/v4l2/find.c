@@ -295,8 +295,7 @@ static pvx_err open_path(const struct cap_source_config *c, const char *path,
     if (!find_look(path, out, &capture)) {
         if (errno == ENOENT)
             return CAP_FAIL(c, "v4l2", d, PVX_ENOENT,
-                            "there is no %s; `pyrovox cameras v4l2` lists "
-                            "the cameras there are",
+                            "there is no %s; `pyrovox cameras v4l2` lists the cameras there are",
                             path);
         if (errno == ENOTTY)
             return CAP_FAIL(c, "v4l2", d, PVX_EUNSUP, "%s is no V4L2 device", path);

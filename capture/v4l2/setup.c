@@ -98,8 +98,7 @@ static pvx_err setup_check_size(const struct cap_source_config *c, const struct 
     char offered[300] = "";
     v4l_say_sizes(dev, p->fourcc, &(struct v4l_text){offered, sizeof offered, 0});
     return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
-                    "image size %dx%d refused: the camera gives %ux%u; of %s "
-                    "it offers %s",
+                    "image size %dx%d refused: the camera gives %ux%u; of %s it offers %s",
                     c->width, c->height, p->width, p->height,
                     cap_pixfmt_name(v4l_pixfmt(p->fourcc)), offered);
 }
@@ -193,8 +192,7 @@ static pvx_err set_rate(const struct cap_source_config *c, const struct v4l_devi
     v4l_say_rates(dev, code, (uint32_t)l->width, (uint32_t)l->height,
                   &(struct v4l_text){offered, sizeof offered, 0});
     return CAP_FAIL(c, "v4l2", d, PVX_EINVAL,
-                    "frame rate %g refused: the camera has %.4g; with %dx%d "
-                    "%s it offers %s Hz",
+                    "frame rate %g refused: the camera has %.4g; with %dx%d %s it offers %s Hz",
                     c->fps, l->fps, l->width, l->height, cap_pixfmt_name(l->fmt), offered);
 }
 

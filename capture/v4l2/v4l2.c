@@ -122,9 +122,8 @@ static pvx_err map_buffer(struct source *s, struct buffers *bs, struct pvx_diag 
     size_t bytes = mplane ? plane.length : b.length;
     if (bytes < s->layout.size || bytes == 0)
         return CAP_FAIL(&s->c, "v4l2", d, PVX_EIO,
-                        "its driver %s gives buffers of %zu bytes for images "
-                        "of %zu",
-                        s->dev.driver, bytes, s->layout.size);
+                        "its driver %s gives buffers of %zu bytes for images of %zu", s->dev.driver,
+                        bytes, s->layout.size);
     void *mem = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, s->dev.fd,
                      mplane ? plane.m.mem_offset : b.m.offset);
     if (mem == MAP_FAILED)
@@ -230,8 +229,7 @@ static int64_t v4l2_exposure_time(struct source *s, const struct filled *b, int6
                       !start && s->exposure_us > 0 ? ", moved back by the exposure" : "");
         else
             CAP_LOG(PVX_LOG_WARN, &s->c, "v4l2", "odd_stamps",
-                    "%s: the time of arrival is used, which is late by the "
-                    "readout and jitters",
+                    "%s: the time of arrival is used, which is late by the readout and jitters",
                     mono ? "its driver's time stamps are off by more than 10 s"
                          : "its driver does not say which clock its time stamps are of");
     }

@@ -113,9 +113,8 @@ const struct dmn_option dmn_options[] = {
      "IPv4 addresses of action commands. Empty: the broadcast address of every network "
      "that has a camera."},
     REAL("action.lead_ms", action_lead_ms, "0", 0, 1000, "ms",
-         "Above 0, commands are scheduled: sent this long before the instant at which all "
-         "cameras act by their own clocks (needs ptp). 0: cameras act when the command "
-         "arrives."),
+         "Above 0, commands are scheduled: sent this long before the instant at which all cameras "
+         "act by their own clocks (needs ptp). 0: cameras act when the command arrives."),
     BOOL("action.acknowledge", action_acknowledge, "true",
          "Cameras answer each action command. Missing answers are counted."),
 
@@ -196,10 +195,9 @@ const struct dmn_option dmn_options[] = {
     REAL("solver.lambda", lambda, "-1", -1, 1e6, "", "Weight of smoothness. Negative: automatic."),
     CHOICE("solver.stop", stop, "auto", "auto|lcurve|discrepancy|iterations", "When to stop."),
     REAL("solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
-         "Time limit after the arrival of the last frame (lossless: after the start of the "
-         "solve), at which the solver returns its best result. Negative: as long as keeps up "
-         "with the cameras, and longer only while that gives no solution (none when lossless). "
-         "0: none."),
+         "Time limit after the arrival of the last frame (lossless: after the start of the solve), "
+         "at which the solver returns its best result. Negative: as long as keeps up with the "
+         "cameras, and longer only while that gives no solution (none when lossless). 0: none."),
     CHOICE("solver.warm_start", warm_start, "auto", "auto|on|off",
            "Start from the previous volume. auto: live only, so that in a replay no set depends "
            "on another."),

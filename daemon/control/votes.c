@@ -48,8 +48,7 @@ static void say_state(struct dmn_votes *v, const struct dmn_votes_listener *to)
         v->said_torn = true;
         to->say(to->ctx, true, ABOUT(.cause = "torn"),
                 "the cameras contradict each other, and which of them are wrong cannot be told: "
-                "pyrovox "
-                "calibrate check");
+                "pyrovox calibrate check");
     } else if (v->lasting == 0 && v->said_torn) {
         v->said_torn = false;
         to->say(to->ctx, false, ABOUT(.cause = "torn"), "the cameras agree again");

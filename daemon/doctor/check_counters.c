@@ -119,8 +119,7 @@ static void squeezed(struct doctor *d, const struct doc_softnet *s)
         return;
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 50, "net.squeeze",
-                "the kernel stopped receiving early %llu times since boot, once "
-                "per %.0f packets",
+                "the kernel stopped receiving early %llu times since boot, once per %.0f packets",
                 (unsigned long long)s->squeezed, 1 / share);
     doc_means(f, "packets wait in the card's ring until the kernel receives again");
     doc_sysctl(f, "net.core.netdev_budget", "600");

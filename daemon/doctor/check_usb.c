@@ -50,8 +50,7 @@ static void usbfs_memory(struct doctor *d, size_t cameras)
     double need = (double)cameras * (double)d->load.frame_bytes * d->load.buffers / 1048576.0;
     if (doc_settled(!doc_int(d->host, &mb, "/sys/module/usbcore/parameters/usbfs_memory_mb"), d,
                     DOC_UNKNOWN, 40, "usb.memory",
-                    "usbcore.usbfs_memory_mb cannot be read: no USB "
-                    "in this kernel?"))
+                    "usbcore.usbfs_memory_mb cannot be read: no USB in this kernel?"))
         return;
     if (mb == 0 || (double)mb >= need) {
         doc_say(d, DOC_OK, 86, "usb.memory", "USB transfers may take %lld MiB, need %.0f",

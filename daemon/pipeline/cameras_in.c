@@ -50,8 +50,7 @@ static bool cameras_in_is_ours(struct dmn_cameras_in *in, size_t c)
         LOG_ABOUT(
             PVX_LOG_ERROR, DAEMON, ABOUT(.cause = "other_device", .camera = k->name),
             "camera %s is %s, but the rig's photometry was measured on %s: %s; plug that one in, "
-            "or "
-            "measure this one (pyrovox calibrate dark, flat)",
+            "or measure this one (pyrovox calibrate dark, flat)",
             k->name, h.serial, p->device,
             in->sets.policy == CAP_POLICY_DROP ? "no set is whole (sync.policy: drop)"
                                                : "it is left out");

@@ -303,8 +303,7 @@ pvx_err dmn_photometry_check(const struct rec_camera *k, const struct dmn_photom
     if (dmn_photometry_too_far(k, as->temperature_c))
         return pvx_fail(d, PVX_EINVAL,
                         "%s: camera %s had %.1f degrees Celsius, but its dark is of %.1f: take "
-                        "darks when it is "
-                        "as warm as then (pyrovox calibrate dark)",
+                        "darks when it is as warm as then (pyrovox calibrate dark)",
                         where, k->name, as->temperature_c, p->temperature);
     return PVX_OK;
 }

@@ -140,8 +140,7 @@ static void watch_tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
             LOG_ABOUT(
                 PVX_LOG_WARN, DAEMON, ABOUT(.cause = "moved", .camera = name),
                 "camera %s has moved: its pictures are %.1f px to the %s and %.1f px %s of where "
-                "the "
-                "others see the flame; %s",
+                "the others see the flame; %s",
                 name, fabs(by[0]), by[0] < 0 ? "left" : "right", fabs(by[1]),
                 by[1] < 0 ? "above" : "below", rec_wrong_remedy(REC_WRONG_MOVED));
         else

@@ -11,9 +11,8 @@ pvx_err vol_vdb_need(const char *path, const struct vol_vdb **out, struct pvx_di
         return PVX_OK;
     return pvx_fail(
         d, PVX_EUNSUP,
-        "%.200s: OpenVDB cannot be used: %.300s; the module needs Debian's libopenvdb10.0 "
-        "and is built where libopenvdb-dev and libnanovdb-dev are installed; npy and "
-        "hdf5 work without",
+        "%.200s: OpenVDB cannot be used: %.300s; the module needs Debian's libopenvdb10.0 and is "
+        "built where libopenvdb-dev and libnanovdb-dev are installed; npy and hdf5 work without",
         path, module.why);
 }
 

@@ -83,8 +83,7 @@ static void bodies(const struct flame_sets *s, const struct advice *a)
                ? "a body before that lens: draw it dark into its `photometry: { mask: FILE }` in "
                  "rig.yaml"
                : "several cameras see it, so it stands near the flame: use `bodies` of rig.yaml if "
-                 "its "
-                 "shape is known, or else a mask for each camera");
+                 "its shape is known, or else a mask for each camera");
 }
 
 static void advise_do_motion(const struct advice *a, int32_t voxels)
@@ -256,8 +255,7 @@ static void advise_size(const struct flame_sets *s, const struct advice *a)
         return;
     bool more = a->half > 1.25 * a->all;
     advise_line("cameras", more ? "more help" : "enough");
-    printf("error of left-out pictures %.1f %% from every second of the others, %.1f %% from "
-           "all\n",
+    printf("error of left-out pictures %.1f %% from every second of the others, %.1f %% from all\n",
            100 * a->half, 100 * a->all);
 }
 

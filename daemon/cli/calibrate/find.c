@@ -27,8 +27,7 @@ static pvx_err find_add_camera(struct calibrate_look *l, const char *where, cons
     if (!rec_rig_name_ok(name))
         return pvx_fail(
             d, PVX_EINVAL,
-            "%s: %s has a name that no camera can have: letters, digits and . _ - only, at "
-            "most %d",
+            "%s: %s has a name that no camera can have: letters, digits and . _ - only, at most %d",
             where, what, REC_NAME_MAX - 1);
     if (calibrate_camera(l, name, strlen(name)) < l->n_cameras)
         return pvx_fail(d, PVX_EINVAL, "%s: there is more than one %s", where, name);

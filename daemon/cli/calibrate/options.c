@@ -23,8 +23,7 @@ static const struct cli_row rows[] = {
     {.help = "World:"},
     {"floor", "NUMBER", AT(floor), 0, REC_NO_FRAME - 1,
      "in the pictures of this number the board lies flat at the bottom of the volume: its middle "
-     "is "
-     "x = y = 0, its rows are x"},
+     "is x = y = 0, its rows are x"},
     {"up", "X,Y,Z[,CAMERA]", CLI_KEY(OPT_UP), 0, 0,
      "z up, in the axes of a camera (the first): 0,-1,0 for one that stands upright and level"},
     {"keep", "RIG", AT(keep), 0, 0, "the world of an older rig, by the cameras that did not move"},
@@ -35,15 +34,13 @@ static const struct cli_row rows[] = {
      "repeated"},
     {"recover", "CAMERA", CLI_KEY(OPT_RECOVER), 0, 0,
      "a camera that was moved: it keeps its lens, all others stay as they are in the rig of "
-     "--keep; "
-     "may be repeated"},
+     "--keep; may be repeated"},
     {"measured", "A,B,METRES", CLI_KEY(OPT_MEASURED), 0, 0,
      "the distance of two cameras' lenses by tape, to check the scale; may be repeated"},
     {.help = "Output:"},
     {"report", "FILE", CLI_KEY(OPT_REPORT), 0, 0,
      "a page to look at (FILE.html) or everything as JSON (FILE.json), every picture with its "
-     "reason; "
-     "also where no rig can be had; may be given twice"},
+     "reason; also where no rig can be had; may be given twice"},
     {"accept", NULL, AT(accept), 0, 0, "write the rig even though the report refuses it"},
     {"force", NULL, AT(force), 0, 0, "write over an older FILE"},
     {"threads", "N", AT(threads), 0, 256, "threads to look at pictures with (0: one per CPU)"},

@@ -37,8 +37,7 @@ static const struct cli_row rows[] = {
      "the flame is taken with N x N pixels as one, these pictures are not; may be repeated"},
     {"region", "X,Y,W,H[,CAMERA]", CLI_KEY(OPT_REGION), 0, 0,
      "pictures of the flame are these W x H pixels, after binning, of the whole ones, which these "
-     "are; "
-     "may be repeated"},
+     "are; may be repeated"},
     {0}};
 
 static const char doc[] =

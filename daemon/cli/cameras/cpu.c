@@ -23,10 +23,9 @@ static int cpu_run(int argc, char **argv)
         .parser = cpu_parse,
         .doc = "Show the kernels in use, and all that this CPU can run.\v"
                "Kernels are the inner loops of the solver and of the pixels.  `ref` is plain C and "
-               "the specification; "
-               "the others are tested against it.  To narrow them, for comparison or to find a "
-               "fault, put --cpu NAME before any command, or set PYROVOX_CPU=NAME, which pyrovoxd "
-               "heeds too.\n\n"
+               "the specification; the others are tested against it.  To narrow them, for "
+               "comparison or to find a fault, put --cpu NAME before any command, or set "
+               "PYROVOX_CPU=NAME, which pyrovoxd heeds too.\n\n"
                "Examples:\n"
                "  pyrovox cpu\n"
                "  pyrovox --cpu ref reconstruct --rig rig.yaml --frames take --out vol\n"

@@ -661,8 +661,7 @@ static void note_unknown(const struct frames_in *f)
     if (n > 0)
         fprintf(stderr,
                 "pyrovox: %s: the temperature of %zu cameras' darks is not checked (%s and "
-                "others): take "
-                "or rig does not say it\n",
+                "others): take or rig does not say it\n",
                 f->dir, n, first);
 }
 

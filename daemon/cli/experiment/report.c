@@ -409,8 +409,7 @@ pvx_err experiment_pdf(const struct experiment *x)
             rc < 0
                 ? "pyrovox: no report.pdf: weasyprint is not installed; `apt install weasyprint` "
                   "and run the same command again, or print %s from a browser\n"
-                : "pyrovox: no report.pdf: weasyprint could not make it; print %s from a "
-                  "browser\n",
+                : "pyrovox: no report.pdf: weasyprint could not make it; print %s from a browser\n",
             html);
     return PVX_OK;
 }

@@ -203,8 +203,7 @@ static pvx_err pictures_render(const struct render_options *o, const struct rec_
     bool many = s->n != 1 || o->from == RENDER_ORBIT || o->from == RENDER_PATH;
     if (o->from == RENDER_STRIP && s->n > 1)
         return pvx_fail(d, PVX_EINVAL,
-                        "--strip shows one volume, %s has %zu; --orbit N steps "
-                        "through them",
+                        "--strip shows one volume, %s has %zu; --orbit N steps through them",
                         o->source[0], s->n);
     if (o->from == RENDER_STRIP && o->film)
         return pvx_fail(d, PVX_EINVAL,

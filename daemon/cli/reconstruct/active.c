@@ -189,8 +189,7 @@ bool reconstruct_say_cut(const struct rec_frame_report *r, unsigned long long se
         stderr,
         "pyrovox: frame %06llu: its hull may continue in %lld bricks of 4x4x4 voxels outside the "
         "active part, where nothing was solved: the vote trusted other cameras than in the first "
-        "look at the silhouettes; use --trust-all, or --memory with more GB for the whole "
-        "matrix\n",
+        "look at the silhouettes; use --trust-all, or --memory with more GB for the whole matrix\n",
         set, (long long)r->hull.cut);
     return true;
 }

@@ -93,8 +93,7 @@ static void say_part(unsigned i, const struct part_status *s, double off)
     printf("%s%s\n", s->error[0] != '\0' ? ": " : "", s->error);
     if (off > SEAM_WRONG)
         printf("       its beginning and the end of part %u differ by %.1f %%: the motion between "
-               "them "
-               "is lost; use fewer parts\n",
+               "them is lost; use fewer parts\n",
                i - 1, 100 * off);
 }
 

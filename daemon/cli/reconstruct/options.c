@@ -26,8 +26,7 @@ enum {
 static const struct cli_row rows[] = {
     {"frames", "DIR|TAKE.h5", AT(frames), 0, 0,
      "the recording: a take of raw frames, or a folder with "
-     "DIR/<camera>/<number>.(npy|png|tif|jpg) "
-     "or DIR/<camera>.(mp4|mkv|mov|avi|tif)"},
+     "DIR/<camera>/<number>.(npy|png|tif|jpg) or DIR/<camera>.(mp4|mkv|mov|avi|tif)"},
     {"out", "DIR|FILE.h5", AT(out), 0, 0,
      "write volumes to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file"},
     {"save-report", "FILE", AT(report), 0, 0, "write the report of every frame as JSON"},

@@ -55,8 +55,7 @@ static const struct argp_option options[] = {
      0},
     {"format", 'f', "FORMAT", 0,
      "npy: a folder of SET.npy and SET.json; hdf5: one file; vdb, nvdb: a folder of numbered files "
-     "for Blender and "
-     "others (default: as --out ends, .h5 or .hdf5 is hdf5; else npy)",
+     "for Blender and others (default: as --out ends, .h5 or .hdf5 is hdf5; else npy)",
      0},
     {"raw", 'r', "start|stop", 0, "Let the daemon begin or end a take of the cameras' raw frames",
      0},

@@ -106,8 +106,7 @@ void troubles_print(const cJSON *status)
     {
         if (camera_moved(k))
             printf("%-16s moved: its pictures are %+.1f px to the right and %+.1f px down of where "
-                   "the others see "
-                   "the flame; %s\n",
+                   "the others see the flame; %s\n",
                    ask_text(k, "name", NULL), ask_num(k, "rig", "right_px"),
                    ask_num(k, "rig", "down_px"), rec_wrong_remedy(REC_WRONG_MOVED));
         if (camera_check(k)[0] != '\0')
@@ -128,8 +127,7 @@ void votes_print(const cJSON *status)
     const cJSON *last = cJSON_GetObjectItemCaseSensitive(status, "last");
     if (strcmp(ask_text(last, "vote", "state"), "torn") == 0)
         puts("the cameras contradict each other, and which of them are wrong cannot be told: "
-             "pyrovox "
-             "calibrate check");
+             "pyrovox calibrate check");
     cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(status, "cameras"))
     {
         if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(

@@ -28,8 +28,7 @@ static const struct argp_option options[] = {
     {"key", 'k', "FILE", 0, "A .key file of `pyrovox keygen`, for a daemon that asks for one", 0},
     {"control", OPT_CONTROL, "ENDPOINT", OPTION_ARG_OPTIONAL,
      "Pages may record volumes and take snapshots, by the daemon's control.endpoint (default: that "
-     "of a local one); "
-     "without it they only look",
+     "of a local one); without it they only look",
      0},
     {"open", 'o', NULL, 0, "Open the page in the desktop's browser", 0},
     {"turn", OPT_TURN, NULL, 0, "The page begins turning, unless its user asked for less motion",

@@ -107,9 +107,8 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
     double mib = (double)simcams_ring_bytes(&s->rig, &p) / MIB;
     if (mib > (double)a->max_memory)
         return pvx_fail(d, PVX_ENOMEM,
-                        "%zu cameras x %zu images take %.0f MiB, more than "
-                        "--max-memory %lld: take fewer images (%s), smaller ones, mono8 or "
-                        "bayerrg8, or allow more",
+                        "%zu cameras x %zu images take %.0f MiB, more than --max-memory %lld: take "
+                        "fewer images (%s), smaller ones, mono8 or bayerrg8, or allow more",
                         s->rig.n_cameras, p.n, mib, (long long)a->max_memory,
                         a->board != NULL ? "--poses" : "--ring");
     fprintf(stderr, "rendering %zu cameras x %zu images, %.0f MiB\n", s->rig.n_cameras, p.n, mib);

@@ -124,9 +124,8 @@ static void sections_cameras(FILE *f, const struct calibrate_result *r)
     for (size_t c = 0; c < r->look->n_cameras; c++)
         camera_row(f, r, c);
     fputs("</table></div><p class=\"mute\">Expected: the error of projections all through the "
-          "volume, "
-          "rms. Single: what each camera has with itself; joint: with all others. Held: numbers of "
-          "the lens that the pictures do not tell.</p>\n",
+          "volume, rms. Single: what each camera has with itself; joint: with all others. Held: "
+          "numbers of the lens that the pictures do not tell.</p>\n",
           f);
 }
 
@@ -138,10 +137,9 @@ static pvx_err sections_pictures(FILE *f, const struct calibrate_result *r)
         fprintf(
             f,
             "<p class=\"mute\">Thin lines go from a corner towards where it was seen, away from "
-            "where it is expected, %g times as long as in the picture, in all cameras; blue "
-            "arrows are medians of %s, which should be short and point nowhere in common; red "
-            "lines are cut. Cells are darker the more corners they have; red ones have "
-            "none.</p>\n",
+            "where it is expected, %g times as long as in the picture, in all cameras; blue arrows "
+            "are medians of %s, which should be short and point nowhere in common; red lines are "
+            "cut. Cells are darker the more corners they have; red ones have none.</p>\n",
             enlargement, "small parts of the picture");
     fputs("<div class=\"figures\">\n", f);
     for (size_t c = 0; c < r->look->n_cameras; c++)
@@ -161,10 +159,9 @@ static void folds(FILE *f, const struct calibrate_result *r)
     }
     fputs(
         "<p class=\"mute\">A part of the poses is left out in turn: how well it fits what the rest "
-        "says, and how far the rest's rig is from the whole one's in the volume.</p>"
-        "<div class=\"wide\"><table class=\"small\"><tr><th>part</th><th class=\"n\">trained "
-        "px</th>"
-        "<th class=\"n\">held out px</th><th class=\"n\">volume px</th></tr>\n",
+        "says, and how far the rest's rig is from the whole one's in the volume.</p><div "
+        "class=\"wide\"><table class=\"small\"><tr><th>part</th><th class=\"n\">trained px</th><th "
+        "class=\"n\">held out px</th><th class=\"n\">volume px</th></tr>\n",
         f);
     for (int i = 0; i < REC_CALIB_FOLDS; i++) {
         fprintf(f, "<tr><th>%d</th>", i + 1);
