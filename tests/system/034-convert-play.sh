@@ -254,11 +254,7 @@ looped() { # each time a session of its own, until Ctrl-C, which subscribers are
 }
 check plays_again_and_again looped
 
-start ports.log "$py" -c 'import socket, time
-s = socket.socket(); s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
-print(s.getsockname()[1], flush=True); time.sleep(3000)'
-wait_for test -s "$dir/ports.log"
-port=$(< "$dir/ports.log")
+free_ports 1 && port=${ports[0]}
 keyed() { # other hosts reach it: refused without keys, and nobody without a key gets a volume
     run "$pyrovox" play "$dir/src.h5" --endpoint "tcp://*:$port"; says 1 keygen || return 1
     mkdir "$dir/keys"

@@ -9,9 +9,7 @@ name=058
 if ! why=$(timeout "$patience" unshare -rT --monotonic 1000 --boottime 1000 true 2>&1); then
     echo "no time namespaces here: $why"; exit 77
 fi
-if ! timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
-    echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
-fi
+needs_private_net
 "$py" -c 'import h5py, numpy' 2> "$dir/null" || { echo "no python3-h5py"; exit 77; }
 # another date for who is told it by a file, "+SECONDS"; the other clocks stay what they are
 faketime=$(faketime -m -f +0 env 2> "$dir/null" | sed -n 's/^LD_PRELOAD=//p')

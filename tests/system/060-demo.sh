@@ -2,9 +2,7 @@
 # `pyrovox demo`, small: rates, error, picture, result line, and nobody left behind.
 name=060
 . "$(dirname "$0")/lib.sh"
-if ! timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
-    echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
-fi
+needs_private_net
 small="--cameras 4 --size 160x120 --grid 24 --fps 10"
 export TMPDIR=$dir # run folders of the demo go there, so that what is left can be told by name
 nobody() { ! grep -qs -- "$dir/pyrovox-demo" /proc/[0-9]*/cmdline; }

@@ -4,12 +4,8 @@
 name=086
 . "$(dirname "$0")/lib.sh"
 # three ports that are ours: who holds them without listening lets the daemon have them
-start ports.log "$py" -c 'import socket, time
-held = [socket.socket() for _ in range(3)]
-for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
-print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)'
-wait_for test -s "$dir/ports.log"
-read -r port control_port previews_port < "$dir/ports.log"
+free_ports 3
+read -r port control_port previews_port <<< "${ports[*]}"
 keys=$dir/keys
 mkdir "$keys"
 

@@ -78,12 +78,8 @@ kill -TERM "$daemon"
 check b-ends ended "$daemon" 0
 
 # the same by TCP, with an address of IPv6 and with localhost
-start ports.log "$py" -c 'import socket, time
-held = [socket.socket() for _ in range(4)]
-for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
-print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)'
-wait_for test -s "$dir/ports.log"
-read -r port control_port more_port metrics_port < "$dir/ports.log"
+free_ports 4
+read -r port control_port more_port metrics_port <<< "${ports[*]}"
 reads() { # host
     run "$pyrovox" record --endpoint "$volumes" --volumes 2 --quiet --out "$dir/by-$1"; says 0 || return 1
     run "$pyrovox" record --endpoint "tcp://$1:$more_port" --volumes 2 --quiet --out "$dir/all-$1"; says 0 || return 1

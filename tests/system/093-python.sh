@@ -510,11 +510,7 @@ import pyrovox; pyrovox.open("Makefile")'
 check names_what_is_missing without
 
 # keys: a daemon that is reached over TCP
-start ports.log "$py" -c 'import socket, time
-s = socket.socket(); s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
-print(s.getsockname()[1], flush=True); time.sleep(3000)'
-wait_for test -s "$dir/ports.log"
-port=$(cat "$dir/ports.log") keys=$dir/keys
+free_ports 1 && port=${ports[0]} keys=$dir/keys
 mkdir "$keys"
 { "$pyrovox" keygen "$keys/lab" && "$pyrovox" keygen "$keys/other" && "$pyrovox" keygen "$keys/anna" --server "$keys/lab.pub" &&
     "$pyrovox" keygen "$keys/bert" --server "$keys/lab.pub"; } > "$dir/keygen.log" || rc=1

@@ -51,6 +51,17 @@ start() { # log, command...: in the background; its id is $started
     started=$!
     pids+=("$started")
 }
+free_ports() { # n: so many free TCP ports in the array ports, held until the end
+    start ports.log "$py" -c 'import socket, sys, time
+held = [socket.socket() for _ in range(int(sys.argv[1]))]
+for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
+print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)' "$1"
+    wait_for test -s "$dir/ports.log" && read -ra ports < "$dir/ports.log"
+}
+needs_private_net() { # where there is none, the test is skipped
+    timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1 ||
+        { echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77; }
+}
 status() { "$pyrovox" status --endpoint "$control" --timeout "$patience" --json 2>/dev/null; }
 field() { # expression on the status s; under wait_for one process asks for some seconds, as two a question cost more than the daemon
     "$py" - "$control" "$1" "${waiting:+5}" <<'PY'
