@@ -12,6 +12,7 @@ static void right(long number)
     struct pvx_diag d = {""};
     bool found[ADVISE_TERMS], needed[ADVISE_TERMS];
     advise_scene_new(&s, (uint64_t)(number + (1L << 40)), number >= 0, pool);
+    s.sets.params.voxels = 32; /* less than is usual, and enough here */
     T_EQ_I(advise_terms(&s.sets, &a, &d), PVX_OK);
     advise_verdict(&s, &a, needed, found);
     for (int k = 0; k < ADVISE_TERMS; k++)
