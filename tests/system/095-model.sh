@@ -203,27 +203,27 @@ P
     done
     [ ! -e x ]
 }
-# What is needed is found in the pictures, and what is not is not.
+# What is needed is found in the pictures, and what is not is not.  In bins of 2 x 2 where that is enough.
 advises() {
-    run "$pyrovox" advise --rig rig.yaml --frames deep --quiet
+    run "$pyrovox" advise --binning 2 --rig rig.yaml --frames deep --quiet
     says 0 'absorption   on' 'black        fine' 'saturated    left-out' 'model: { absorption: ' || return 1
     local c; c=$(sed -n 's/^model: { absorption: \([0-9.]*\),.*/\1/p' <<< "$out")
     below "$c" "$(awk "BEGIN { print 1.15 * $deep }")" && below "$(awk "BEGIN { print 0.85 * $deep }")" "$c" || return 1
     sed -n '/^rig:/,$p' <<< "$out" > advised.yaml # it is a configuration
     printf 'cameras: "files:%s/deep/{name}/%%06d.npy"\n' "$dir" >> advised.yaml
     run "$pyrovoxd" --check-config -c advised.yaml; says 0 || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames thin --quiet
+    run "$pyrovox" advise --binning 2 --rig rig.yaml --frames thin --quiet
     says 0 'absorption   off' 'absorption: 0,' 'gain         off' 'bodies       none' 'response     linear' 'rate ' 'detail ' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames noisy --quiet; says 0 'temporal     on' 'temporal: on }' 'rate         fine' || return 1
     if [ -n "${T_LONG:-}" ]; then # sim/test_advise has a gain in its last scene
         run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain cam5 0.8" --write-frames dim; says 0 || return 1
-        run "$pyrovox" advise --rig rig.yaml --frames dim --black 0.02 --quiet
+        run "$pyrovox" advise --binning 2 --rig rig.yaml --frames dim --black 0.02 --quiet
         says 0 'gain         on' 'cam5 is furthest off' 'pyrovox calibrate gain' 'absorption   off' || return 1
     fi
     run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain all 3" --write-frames bright; says 0 || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least,' || return 1
-    run "$pyrovox" advise --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames dark --quiet; says 1 'flame'
+    run "$pyrovox" advise --binning 2 --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least,' || return 1
+    run "$pyrovox" advise --binning 2 --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
+    run "$pyrovox" advise --binning 2 --rig rig.yaml --frames dark --quiet; says 1 'flame'
 }
 # sim/test_advise has a body and a black level in its first scene.
 advises_bodies_and_black() {
