@@ -69,7 +69,7 @@ import json, sys, time, zmq
 control, expression, some = sys.argv[1:]
 end = time.monotonic() + float(some or 600)
 socket = zmq.Context().socket(zmq.REQ)
-socket.linger = 0
+socket.linger, socket.ipv6 = 0, "[" in control
 socket.connect(control)
 while True:
     socket.send(b'{"cmd":"status"}')
