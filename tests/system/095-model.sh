@@ -125,7 +125,7 @@ for a, b in zip(live, off):
 P
     run "$pyrovox" reconstruct --rig rig.yaml --frames thin --out x --temporal --solver mlem; says 2 'temporal'
 }
-# Pictures with noise of 5 %: volumes depend on the one before, and are no worse for it.
+# Pictures with noise of 10 %: volumes depend on the one before, and are no worse for it.
 noisy() {
     "$py" - <<'P' || return 1
 import glob, os, numpy as np
@@ -135,7 +135,7 @@ for f in glob.glob("thin/*/000000.npy"):
     for k in range(6):
         to = "noisy/%s/%06d.npy" % (f.split("/")[1], k)
         os.makedirs(os.path.dirname(to), exist_ok=True)
-        np.save(to, (e + 0.05 * e.max() * r.standard_normal(e.shape)).astype(np.float32))
+        np.save(to, (e + 0.1 * e.max() * r.standard_normal(e.shape)).astype(np.float32))
 P
     run "$pyrovox" reconstruct --rig rig.yaml --frames noisy --out single --quiet; says 0 || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames noisy --out lean --temporal --quiet; says 0 || return 1
@@ -203,7 +203,7 @@ P
     done
     [ ! -e x ]
 }
-# What is needed is found in the pictures, and what is not is not.  In bins of 2 x 2 where that is enough.
+# What is needed is found in the pictures, and what is not is not.  In bins of 2 x 2, as the time goes with their number.
 advises() {
     run "$pyrovox" advise --binning 2 --rig rig.yaml --frames deep --quiet
     says 0 'absorption   on' 'black        fine' 'saturated    left-out' 'model: { absorption: ' || return 1
@@ -214,10 +214,10 @@ advises() {
     run "$pyrovoxd" --check-config -c advised.yaml; says 0 || return 1
     run "$pyrovox" advise --binning 2 --rig rig.yaml --frames thin --quiet
     says 0 'absorption   off' 'absorption: 0,' 'gain         off' 'bodies       none' 'response     linear' 'rate ' 'detail ' || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames noisy --quiet; says 0 'temporal     on' 'temporal: on }' 'rate         fine' || return 1
+    run "$pyrovox" advise --binning 2 --rig rig.yaml --frames noisy --quiet; says 0 'temporal     on' 'temporal: on }' 'rate         fine' || return 1
     if [ -n "${T_LONG:-}" ]; then # sim/test_advise has a gain in its last scene
         run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain cam5 0.8" --write-frames dim; says 0 || return 1
-        run "$pyrovox" advise --binning 2 --rig rig.yaml --frames dim --black 0.02 --quiet
+        run "$pyrovox" advise --rig rig.yaml --frames dim --black 0.02 --quiet
         says 0 'gain         on' 'cam5 is furthest off' 'pyrovox calibrate gain' 'absorption   off' || return 1
     fi
     run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --set "gain all 3" --write-frames bright; says 0 || return 1
