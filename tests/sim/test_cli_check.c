@@ -10,7 +10,7 @@
 
 #define PEDESTAL 0.05F
 
-enum { W = 128, SETS = 6, CAMERAS = 6 };
+enum { W = 96, SETS = 6, CAMERAS = 6 };
 
 static struct flame_rig f;
 
