@@ -3,6 +3,7 @@
 The best other is picked per case and per column with the truth known, over both bases: nobody can use it, so 1 is
 what cannot be had by choosing another solver.  results.py puts the same lines on its page."""
 import csv
+import math
 import sys
 from pathlib import Path
 
@@ -19,9 +20,9 @@ def cases(folder):
     """Case -> (use, {(basis, solver): (volume error or None, view error)}), in the order of USES."""
     found = {}
     for r in read(folder / "judge.csv"):
-        off = ", %s px off" % r["off"] if float(r["off"]) else ""
+        wrong = "" if r["wrong"] == "exact" else ", " + r["wrong"]
         size = "" if r["voxels"] == "64" else ", %s^3" % r["voxels"]
-        case = "%s, %s, %s%s%s" % (r["scene"], r["rig"], r["noise"], off, size)
+        case = "%s, %s, %s%s%s" % (r["scene"], r["rig"], r["noise"], wrong, size)
         found.setdefault(case, (r["use"], {}))[1][r["basis"], r["solver"]] = float(r["volume"]), float(r["view"])
     for r in read(folder / "scalarflow.csv"):
         case = "plume, %s left out" % r["left_out"]
@@ -71,6 +72,31 @@ def summary(found):
 SUMMARY = ["use", "basis", "error of", "%s over the best other, mean" % DEFAULT, "worst", "over %s, mean" % PAPER, "cases"]
 
 
+LABS = ["wrong", "use", "error over the exact rig's", "%s over the best other: volume" % DEFAULT, "worst", "unseen view", "worst", "flames"]
+
+
+def labs(found, rig="8 on a ring, 1 %", basis=BASES[0]):
+    """For every way to be wrong and use: the default's volume error over that of the exact rig, and over the best other,
+    geometric means over the flames that have both."""
+    of = {}
+    for case, (use, errors) in found.items():
+        scene, _, wrong = case.partition(", " + rig)
+        if _ and "^3" not in wrong and (basis, DEFAULT) in errors:
+            of.setdefault((wrong[2:] or "exact", use), {})[scene] = {k: e for k, e in errors.items() if k[0] == basis}
+    full = {scene for (wrong, use), flames in of.items() if wrong != "exact" for scene in flames}
+    for (wrong, use), flames in of.items():
+        flames = {s: e for s, e in flames.items() if s in full and s in of.get(("exact", use), {})}
+        best = [[over(e, basis, [k for k in e if k[1] != DEFAULT], what) for e in flames.values()] for what in (0, 1)]
+        exact = [e[basis, DEFAULT][0] / of["exact", use][s][basis, DEFAULT][0] for s, e in flames.items()]
+        if flames and all(len(e) > 1 for e in flames.values()):
+            yield [wrong, use] + ["%.2f" % v for v in (mean(exact), mean(best[0]), max(best[0]), mean(best[1]), max(best[1]))] + [
+                "%d" % len(flames)]
+
+
+def mean(ratios):
+    return math.exp(sum(map(math.log, ratios)) / len(ratios))
+
+
 def markdown(head, lines):
     return ["| " + " | ".join(r) + " |" for r in [head, ["---"] * len(head)] + lines]
 
@@ -79,5 +105,6 @@ if __name__ == "__main__":
     judged = cases(Path(sys.argv[1]))
     print("\nvolume error / unseen view of 255, each solver as it stops by itself\n")
     head, lines = rows(judged)
-    print("\n".join(markdown(head, lines()) + [""] + markdown(SUMMARY, list(summary(judged)))))
+    print("\n".join(markdown(head, lines()) + [""] + markdown(SUMMARY, list(summary(judged))) + [""] +
+                    markdown(LABS, list(labs(judged)))))
     sys.exit(0 if judged else 77)

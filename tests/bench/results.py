@@ -86,6 +86,8 @@ section("Judged from outside", "judge", "Every solver stops by itself. The first
         "plume: four views in, and the error of the whole fifth picture. The misfit's exponent was chosen on it",
         *judge.rows(judged))
 section("Judged from outside, in short", "judge", "From the table above", judge.SUMMARY, lambda: judge.summary(judged))
+section("Exact rigs and wrong ones", "judge", "From the table above: trilinear, 8 cameras on a ring, 1 % noise, geometric means. The best other "
+        "is of the same basis. What is wrong: tests/bench/wrong.h", judge.LABS, lambda: judge.labs(judged))
 
 offline = table("offline")
 

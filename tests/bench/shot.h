@@ -8,12 +8,10 @@
 struct noise {
     const char *name;
     double sigma; /* share of the peak */
-    bool bits8;   /* rounded and clipped to 0..255 as an 8-bit camera does, silhouettes included */
     double blue;  /* sigma of the last channel, where it has one of its own; else 0 */
 };
-static const struct noise noise_0 = {"0 %", 0, false, 0}, noise_1 = {"1 %", 0.01, false, 0},
-                          noise_5 = {"5 %", 0.05, false, 0},
-                          noise_8bit = {"1 % 8-bit", 0.01, true, 0};
+static const struct noise noise_0 = {"0 %", 0, 0}, noise_1 = {"1 %", 0.01, 0},
+                          noise_5 = {"5 %", 0.05, 0};
 
 /* Pixels of one instant, ready to be copied into a slot: every solver gets the same ones. */
 struct shot {
@@ -37,8 +35,6 @@ static inline void shot_new(struct shot *t, const struct scene *s, const struct 
                 if (noise->sigma > 0)
                     v += (ch == 2 && noise->blue > 0 ? noise->blue : noise->sigma) * s->peak *
                          bench_normal();
-                if (noise->bits8)
-                    v = fmin(255, fmax(0, floor(255 * v + 0.5))) / 255;
                 t->px[c][i * cs + ch] = (float)v;
             }
     }
