@@ -135,11 +135,14 @@ static void pairs_sets(struct pairing *w, size_t *next)
 {
     struct cap_pairs *p = w->out;
     for (;; p->n++) {
-        int64_t key = INT64_MAX;
+        bool left = false;
+        int64_t key = 0;
         for (size_t c = 0; c < w->cameras; c++)
-            if (next[c] < w->reel[c].n && w->key[c][next[c]] < key)
+            if (next[c] < w->reel[c].n && (!left || w->key[c][next[c]] < key)) {
                 key = w->key[c][next[c]];
-        if (key == INT64_MAX)
+                left = true;
+            }
+        if (!left)
             return;
         for (size_t c = 0; c < w->cameras; c++)
             p->row[p->n * w->cameras + c] = pairs_take(w, c, key, &next[c]);
@@ -170,11 +173,10 @@ static size_t pairs_in_common(const struct pairing *w, size_t c, size_t *most)
 
 static pvx_err pairs_refuse(const struct pairing *w, size_t c, size_t common, struct pvx_diag *d)
 {
-    const struct cap_reel *r = &w->reel[c], *o = &w->reel[w->fastest];
     size_t other = w->fastest;
-    for (size_t k = 0; other == c && k < w->cameras; k++)
-        if (k != c && w->reel[k].n > 0)
-            o = &w->reel[other = k];
+    for (size_t k = 0; (other == c || w->reel[other].n == 0) && k < w->cameras; k++)
+        other = k;
+    const struct cap_reel *r = &w->reel[c], *o = &w->reel[other];
     if (w->times)
         return pvx_fail(
             d, PVX_EINVAL,

@@ -101,6 +101,23 @@ T_CASE(no_number_in_common_names_the_option)
     fails(2, CAP_NUMBERS_MS, "too large for a time");
 }
 
+T_CASE(a_first_camera_without_pictures)
+{
+    reel[0] = (struct cap_reel){0};
+    has(1, CAP_REEL_PICTURES, 2, 1, 1);
+    has(2, CAP_REEL_PICTURES, 2, 7, 1);
+    fails(3, CAP_NUMBERS_COUNT, "cam1: 0 of its 2 frames");
+    T_CONTAINS(d.text, "those of cam2 from 7 to 8");
+}
+
+T_CASE(the_largest_number)
+{
+    has(0, CAP_REEL_PICTURES, 2, INT64_MAX - 1, 1);
+    has(1, CAP_REEL_PICTURES, 2, INT64_MAX - 1, 1);
+    sets(2, CAP_NUMBERS_COUNT, "0:0 1:1");
+    cap_pairs_free(&p);
+}
+
 /* Films with dropped frames, a late start, jitter, another rate. */
 T_CASE(times_meet_the_nearest)
 {
