@@ -454,6 +454,12 @@ static void film_close(struct film *f)
     free(f);
 }
 
+/* Decoders whose threads wait for each other within a frame.  Where one slice is damaged, that of VP8 waits for ever. */
+static bool film_slices_wait(enum AVCodecID id)
+{
+    return id == AV_CODEC_ID_VP8 || id == AV_CODEC_ID_VP9 || id == AV_CODEC_ID_HEVC;
+}
+
 static pvx_err film_open_codec(struct film *f, uint64_t bytes, struct pvx_diag *d)
 {
     const AVCodecParameters *par = f->stream->codecpar;
@@ -471,7 +477,7 @@ static pvx_err film_open_codec(struct film *f, uint64_t bytes, struct pvx_diag *
     f->codec->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;
     f->codec->max_pixels = film_max_pixels(bytes);
     f->codec->thread_type = FF_THREAD_SLICE; /* of one frame: no delay, and errors come at once */
-    f->codec->thread_count = FILM_THREADS;
+    f->codec->thread_count = film_slices_wait(par->codec_id) ? 1 : FILM_THREADS;
     if (e >= 0)
         e = avcodec_open2(f->codec, codec, NULL);
     return e < 0 ? film_damaged(f, e, d) : PVX_OK;
