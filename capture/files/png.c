@@ -147,8 +147,9 @@ pvx_err cap_png_load(const void *bytes, size_t n, const char *name, struct cap_i
     if (good)
         return PVX_OK;
     PVX_FREE(*mem);
-    return w.e == PVX_ENOMEM ? pvx_fail(d, w.e, "%s: no memory for the image", name)
-                             : pvx_fail(d, PVX_ECORRUPT, "%s: damaged or cut: %s", name, w.why);
+    if (w.e == PVX_ENOMEM || w.why[0] == '\0')
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", name);
+    return pvx_fail(d, PVX_ECORRUPT, "%s: damaged or cut: %s", name, w.why);
 }
 
 static void png_put(struct png_work *w)

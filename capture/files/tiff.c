@@ -192,7 +192,7 @@ static pvx_err tiff_check_samples(struct tiff *t, struct pvx_diag *d)
         return pvx_fail(d, PVX_EUNSUP, "%s: %u samples in a pixel; %d are needed, %d at most",
                         t->name, t->samples, t->colours, SAMPLES_MAX);
     for (int i = 0; grey && i < t->samples - 1; i++)
-        if (i >= extras || extra[i] == EXTRASAMPLE_UNSPECIFIED)
+        if (i >= extras || extra == NULL || extra[i] == EXTRASAMPLE_UNSPECIFIED)
             return pvx_fail(d, PVX_EUNSUP,
                             "%s: grey with %d more samples in a pixel, and it does not say what "
                             "they are: save it as grey or RGB",
@@ -258,7 +258,8 @@ static pvx_err tiff_check_tags(struct tiff *t, struct pvx_diag *d)
     PVX_TRY(tiff_check_samples(t, d));
     if (t->photometric == PHOTOMETRIC_PALETTE &&
         (t->bits > 16 ||
-         !TIFFGetField(t->tif, TIFFTAG_COLORMAP, &t->map[0], &t->map[1], &t->map[2])))
+         !TIFFGetField(t->tif, TIFFTAG_COLORMAP, &t->map[0], &t->map[1], &t->map[2]) ||
+         t->map[0] == NULL || t->map[1] == NULL || t->map[2] == NULL)) /* without memory */
         return pvx_fail(d, PVX_ECORRUPT, "%s: damaged: its map of colours is missing", t->name);
     return tiff_check_room(t, d);
 }
@@ -432,8 +433,9 @@ static pvx_err tiff_load_page(const struct cap_bytes *b, const char *name, uint6
     struct tiff t = {.b = b, .name = name, .out = out};
     *mem = NULL;
     t.tif = tiff_open(&t);
-    pvx_err e = t.tif != NULL ? tiff_load(&t, at, mem, d)
-                              : pvx_fail(d, PVX_ECORRUPT, "%s: damaged: %s", name, t.why);
+    pvx_err e = t.tif != NULL      ? tiff_load(&t, at, mem, d)
+                : t.why[0] == '\0' ? pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", name)
+                                   : pvx_fail(d, PVX_ECORRUPT, "%s: damaged: %s", name, t.why);
     if (t.tif != NULL)
         TIFFClose(t.tif);
     if (e != PVX_OK)
