@@ -12,12 +12,22 @@ begin() { # format, path: in the background, until there is something of it
     "$pyrovox" record --endpoint "$volumes" --quiet --format "$1" --out "$2" > "$dir/record.log" 2>&1 & rec=$!
     pids+=("$rec")
 }
-# how many volumes another process finds in a recording that is being written
+# how many volumes another process finds in a recording that is being written; h5py takes long to start, so it looks for some seconds
 holds() { # path, at least
     if [ -d "$1" ]; then [ "$(find "$1" -maxdepth 1 -name '*.json' -o -maxdepth 1 -name '*.*vdb' | wc -l)" -gt "$2" ]
-    else "$py" -c 'import sys, h5py
-try: sys.exit(h5py.File(sys.argv[1], "r", libver="latest", swmr=True, locking=False)["sets/number"].shape[0] < int(sys.argv[2]))
-except (OSError, KeyError): sys.exit(1)' "$1" "$2"; fi
+    else "$py" - "$1" "$2" <<'PY'
+import sys, time, h5py
+end = time.monotonic() + 5
+while time.monotonic() < end:
+    try:
+        if h5py.File(sys.argv[1], "r", libver="latest", swmr=True, locking=False)["sets/number"].shape[0] >= int(sys.argv[2]):
+            sys.exit(0)
+    except (OSError, KeyError):
+        pass
+    time.sleep(0.05)
+sys.exit(1)
+PY
+    fi
 }
 whole() { # folders of .npy: sets 0 to the last of the publisher, one or more, with their values and times
     "$py" - "$@" <<'PY'
