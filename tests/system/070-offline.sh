@@ -162,7 +162,7 @@ reconstruct_stops() { # what was solved is whole, and in the report
         [ "$(stat -c %s cut/*.npy | sort -u | wc -l)" = 1 ]
 }
 light_in_check() { # what the rig says of a camera's pedestal and hot pixels counts where a flame is held against it
-    local wrong=(--set "pedestal cam2 0.2" --set "hot cam4 0.01" --size 160x120) out code
+    local wrong=(--set "pedestal cam2 0.2" --set "hot cam4 0.01" --size 160x120 --ring 8) out code
     run "$pyrovox" simcams "${wrong[@]}" --write-rig bare.yaml --write-frames flame; says 0 || return 1
     run "$pyrovox" simcams "${wrong[@]}" --set "empty all on" --write-rig bare2.yaml --write-frames dark; says 0 || return 1
     run "$pyrovox" calibrate check --rig bare.yaml --frames flame --black 0.02 --quiet; says 1 'cam2 flooded' '2 of 8 cameras are wrong' || return 1
