@@ -163,41 +163,59 @@ static pvx_err setup_not_set(const struct cap_source_config *c, ArvCamera *cam, 
     return aravis_lacks(c, cam, asked, name, d);
 }
 
-static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
+/* Exposure and gain.  For both, Aravis also knows names that are older than `feature`. */
+struct setup_number {
+    const char *asked, *feature, *said;
+    double slack; /* beside 1 %, between what is asked and what the camera makes of it */
+    void (*set)(ArvCamera *cam, double value, GError **err);
+    double (*get)(ArvCamera *cam, GError **err);
+    void (*bounds)(ArvCamera *cam, double *min, double *max, GError **err);
+};
+
+static pvx_err set_number(const struct cap_source_config *c, ArvCamera *cam,
+                          const struct setup_number *n, double want, struct pvx_diag *d)
 {
     GError *err = NULL;
     double min = 0, max = 0;
+    n->set(cam, want, NULL); /* a refusal shows by the value that the camera then has */
+    double got = n->get(cam, &err);
+    if (err != NULL)
+        return setup_not_set(c, cam, n->asked, n->feature, &err, d);
+    if (fabs(got - want) <= 0.01 * want + n->slack)
+        return PVX_OK;
+    n->bounds(cam, &min, &max, NULL);
+    return aravis_refused(c, d, n->said, want, got, min, max);
+}
+
+static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
+{
+    static const struct setup_number n = {"exposure_us",
+                                          "ExposureTime",
+                                          "exposure time [us]",
+                                          1,
+                                          arv_camera_set_exposure_time,
+                                          arv_camera_get_exposure_time,
+                                          arv_camera_get_exposure_time_bounds};
     if (c->exposure_us < 0)
         return PVX_OK;
     PVX_TRY(set_manual(c, cam, "ExposureAuto", "Off", d));
     PVX_TRY(set_manual(c, cam, "ExposureMode", "Timed", d));
-    arv_camera_set_exposure_time(cam, c->exposure_us, &err);
-    g_clear_error(&err);
-    double got = arv_camera_get_exposure_time(cam, &err);
-    if (err != NULL)
-        return setup_not_set(c, cam, "exposure_us", "ExposureTime", &err, d);
-    if (fabs(got - c->exposure_us) <= 0.01 * c->exposure_us + 1)
-        return PVX_OK;
-    arv_camera_get_exposure_time_bounds(cam, &min, &max, NULL);
-    return aravis_refused(c, d, "exposure time [us]", c->exposure_us, got, min, max);
+    return set_number(c, cam, &n, c->exposure_us, d);
 }
 
 static pvx_err set_gain(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
-    GError *err = NULL;
-    double min = 0, max = 0;
+    static const struct setup_number n = {"gain",
+                                          "Gain",
+                                          "gain",
+                                          0.05,
+                                          arv_camera_set_gain,
+                                          arv_camera_get_gain,
+                                          arv_camera_get_gain_bounds};
     if (c->gain < 0)
         return PVX_OK;
     PVX_TRY(set_manual(c, cam, "GainAuto", "Off", d));
-    arv_camera_set_gain(cam, c->gain, &err);
-    g_clear_error(&err);
-    double got = arv_camera_get_gain(cam, &err);
-    if (err != NULL)
-        return setup_not_set(c, cam, "gain", "Gain", &err, d);
-    if (fabs(got - c->gain) > 0.01 * c->gain + 0.05) {
-        arv_camera_get_gain_bounds(cam, &min, &max, NULL);
-        return aravis_refused(c, d, "gain", c->gain, got, min, max);
-    }
+    PVX_TRY(set_number(c, cam, &n, c->gain, d));
     if (!aravis_has(cam, "Gain"))
         CAP_LOG(PVX_LOG_WARN, c, "aravis", "Gain",
                 "the camera has no Gain%s: gain %g is in steps of its own, not in dB",
