@@ -276,21 +276,25 @@ T_CASE(turned_and_swapped_pictures)
     T_OK(told > 0);
 }
 
-/* Sharp pictures, of which one camera took a third when the board was not yet still: they are left out. */
+/* Sharp pictures.  One camera took a third when the board was not yet still.  They are left out.  They are hundreds
+ * of times its own error off, which of less sharp pictures would be turned or swapped ones. */
 T_CASE(a_board_that_moved_before_a_sharp_camera)
 {
     struct bv_result r;
-    bv_init(&s, 4, true);
+    size_t taken = 0;
+    bv_init(&s, 6, true);
     s.frames = 60;
     s.noise = 0.003;
     bv_everywhere(&s);
     bv_take(&s);
-    for (size_t k = 0; k < s.n; k++)
-        for (size_t j = 0; j < s.view[k].n && s.view[k].camera == 1 && s.view[k].frame % 20 < 7;
-             j++)
+    for (size_t k = 0; k < s.n; k++) {
+        bool moved = s.view[k].camera == 1 && taken++ % 3 == 0;
+        for (size_t j = 0; j < s.view[k].n && moved; j++)
             s.view[k].corner[j].x += 3;
+    }
     bv_solve(&s, &r);
     T_EQ_I(r.e, PVX_OK);
+    T_OK(r.report.camera[1].gross > 300);
     T_OK(!rec_calib_says(&r.report, REC_CALIB_REFUSED, -1));
     T_LE(fmax(r.px[0], fmax(r.px[1], r.px[2])), 0.2);
     bv_done(&r);
