@@ -181,7 +181,7 @@ static void absorb_camera(void *ctx, size_t c)
         rec_absorb_apply(&p);
 }
 
-/* Treat a camera as absent.  Its pixels stay, without weight, so that a report can say why. */
+/* Treat a camera as absent.  Its pixels, without weight, and its silhouette stay, so that a report can say why. */
 static void dismiss(rec_frame *f, size_t c)
 {
     size_t row0 = f->S->row0[c], n = f->S->row0[c + 1] - row0;
@@ -189,7 +189,6 @@ static void dismiss(rec_frame *f, size_t c)
     memset(f->least_of + row0, 0, f->any_least ? n : 0);
     memset(f->weight + row0, 0, n * sizeof *f->weight);
     memset(f->weight4 + row0 * 4, 0, f->per_channel ? n * 4 * sizeof *f->weight4 : 0);
-    memset(f->lit + row0, 0, n);
 }
 
 /* Takes the vote.  Cameras that are not believed become absent, except in the report. */

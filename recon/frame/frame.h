@@ -138,7 +138,7 @@ PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
 
 void rec_frame_volume(const rec_frame *f, struct rec_sparse *out);
 const struct rec_frame_report *rec_frame_get_report(const rec_frame *f);
-/* Silhouette of the carved frame, [bh][bw] 0/1. */
+/* Silhouette of the carved frame, [bh][bw] 0/1, also of a camera that was voted out. */
 const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera);
 
 /* dense [nz][ny][nx][nch] out; zeroed first. */
