@@ -151,22 +151,27 @@ static struct look blind_look(const struct rec_camera *c, const struct rec_grid 
     return l;
 }
 
+/* The ray of a place in the picture, in pictures, crosses the volume. */
+static bool blind_ray_crosses(const struct rec_camera *c, const struct rec_grid *g, double x,
+                              double y)
+{
+    double o[3], d[3], from = 0, to = INFINITY;
+    if (!rec_camera_ray(c, x * c->width - 0.5, y * c->height - 0.5, o, d))
+        return false;
+    for (int a = 0; a < 3; a++) {
+        double s = (g->min[a] - o[a]) / d[a], e = (g->max[a] - o[a]) / d[a];
+        from = fmax(from, fmin(s, e)); /* of a ray along the side, both are infinite */
+        to = fmin(to, fmax(s, e));
+    }
+    return from < to;
+}
+
 /* A ray of the picture crosses the volume.  A long lens may see none of the points in it. */
 static bool blind_crosses(const struct rec_camera *c, const struct rec_grid *g)
 {
     bool crosses = false;
-    for (int i = 0; i < TRIED * TRIED && !crosses; i++) {
-        double o[3], d[3], from = 0, to = INFINITY;
-        if (!rec_camera_ray(c, (i % TRIED + 0.5) / TRIED * c->width - 0.5,
-                            (i / TRIED + 0.5) / TRIED * c->height - 0.5, o, d))
-            continue;
-        for (int a = 0; a < 3; a++) {
-            double s = (g->min[a] - o[a]) / d[a], e = (g->max[a] - o[a]) / d[a];
-            from = fmax(from, fmin(s, e)); /* of a ray along the side, both are infinite */
-            to = fmin(to, fmax(s, e));
-        }
-        crosses = from < to;
-    }
+    for (int i = 0; i < TRIED * TRIED && !crosses; i++)
+        crosses = blind_ray_crosses(c, g, (i % TRIED + 0.5) / TRIED, (i / TRIED + 0.5) / TRIED);
     return crosses;
 }
 
@@ -192,14 +197,15 @@ static struct trial blind_try(const struct rec_rig *r, uint64_t set, struct read
     return t;
 }
 
-static bool blind_nth(size_t i, int most, struct reading *w)
+/* Reading i, and how many things it changes; 0: it is not tried. */
+static int blind_nth(size_t i, struct reading *w)
 {
     *w = (struct reading){.pose = (enum pose)(i % N_POSES),
                           .opengl = i / N_POSES % 2 == 1,
                           .unit = i / N_POSES / 2 % COUNT(units),
                           .lens = i / N_POSES / 2 / COUNT(units)};
     int n = blind_changes(*w);
-    return n > 0 && n <= most && (w->lens == 0 || n == 1);
+    return w->lens == 0 || n == 1 ? n : 0;
 }
 
 /* The reading by which they see most.  Few cameras fit many readings, so one alone is tried with one change. */
@@ -209,10 +215,11 @@ static struct trial blind_best(const struct rec_rig *r, uint64_t set, int most)
     double value = 0;
     for (size_t i = 0; i < REC_READINGS; i++) {
         struct reading w;
-        if (!blind_nth(i, most, &w))
+        int changes = blind_nth(i, &w);
+        if (changes == 0 || changes > most)
             continue;
         struct trial t = blind_try(r, set, w);
-        double worth = t.sum * pow(EACH, blind_changes(w));
+        double worth = t.sum * pow(EACH, changes);
         if (worth > value) {
             value = worth;
             best = t;
@@ -289,6 +296,35 @@ static enum rec_blind blind_lens(const struct rec_rig *r, struct words *w)
 
 #define DEFINED "in rig.yaml X_cam = R X + t, in metres, with x right, y down, z forward"
 
+/* The middle of one camera's picture is beside the volume.  All others look at the volume, and so would it by another
+ * pose that shows it more than twice as much. */
+static enum rec_blind blind_beside(const struct rec_rig *r, struct words *w)
+{
+    size_t beside = 0;
+    uint64_t set = 0;
+    struct look l = {.share = 0};
+    for (size_t c = 0; c < r->n_cameras; c++)
+        if (!blind_ray_crosses(&r->cameras[c], &r->grid, 0.5, 0.5)) {
+            set |= (uint64_t)1 << c;
+            beside = c;
+        }
+    if (__builtin_popcountll(set) == 1)
+        l = blind_look(&r->cameras[beside], &r->grid, LOOKED);
+    if (r->n_cameras < 3 || l.share == 0)
+        return REC_BLIND_NONE;
+    struct trial t = blind_best(r, set, 1);
+    struct rec_camera as = blind_read(&r->cameras[beside], t.as);
+    if (t.sum < WHOLE || l.share >= LITTLE * t.sum || t.as.unit > 0 || t.as.lens > 0 ||
+        !blind_ray_crosses(&as, &r->grid, 0.5, 0.5))
+        return REC_BLIND_NONE;
+    blind_say(w, "%s sees only %.0f %% of the volume, beside the middle of its picture; ",
+              r->cameras[beside].name, 100 * l.share);
+    blind_say(w, "it would see %.0f %% ", 100 * t.sum);
+    blind_say_reading(w, t.as);
+    blind_say(w, ": " DEFINED);
+    return REC_BLIND_SOME;
+}
+
 enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
 {
     struct words w = {text, size, 0};
@@ -311,7 +347,7 @@ enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
     }
     const size_t n = (size_t)__builtin_popcountll(blind);
     if (n == 0 && sum >= LITTLE * (double)all)
-        return blind_lens(r, &w);
+        return blind_lens(r, &w) != REC_BLIND_NONE ? REC_BLIND_SOME : blind_beside(r, &w);
     const uint64_t every = all < 64 ? ((uint64_t)1 << all) - 1 : UINT64_MAX;
     struct trial t = blind_best(r, every, 3);
     bool fits = t.sum >= WHOLE * (double)all && sum < LITTLE * (double)all;
@@ -347,15 +383,15 @@ enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
     return none ? REC_BLIND_ALL : REC_BLIND_SOME;
 }
 
-bool rec_blind_reading(const struct rec_rig *r, size_t i, struct rec_camera *as, char *text,
-                       size_t size)
+int rec_blind_reading(const struct rec_rig *r, size_t i, struct rec_camera *as, char *text,
+                      size_t size)
 {
     struct reading w;
     struct words out = {text, size, 0};
-    if (!blind_nth(i, 2, &w))
-        return false;
+    int changes = blind_nth(i, &w);
     for (size_t c = 0; c < r->n_cameras; c++)
         as[c] = blind_read(&r->cameras[c], w);
+    text[0] = '\0';
     blind_say_reading(&out, w);
-    return true;
+    return changes;
 }

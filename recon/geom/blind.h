@@ -5,6 +5,8 @@
  * is tried on the cameras.  The one by which they see most of the volume is named, if they see a fifth of it or more.
  * A volume that is smaller than 3 % of the picture counts as not seen, and so does one around the camera.  But ALL is
  * said only if it is smaller than 1 % in all pictures, and around no camera that sees some of it.
+ * A camera that sees less than half of the volume is named, too, if the middle of its picture is beside the volume,
+ * all other cameras look at it, and another pose shows 90 % of it or more, in the middle.
  * Threads: pure. */
 #ifndef REC_BLIND_H
 #define REC_BLIND_H
@@ -23,11 +25,11 @@ enum rec_blind {
 /* text [size]: sentences that name the cameras and the reading; "" for NONE. */
 enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size);
 
-/* Reading i of those that are tried, but for three changes at once: the cameras as [n_cameras], and "if ..." in text
- * [size].  false: none has this number. */
+/* Reading i of those that are tried: the cameras as [n_cameras], and "if ..." in text [size].  Returns how many things
+ * it changes, 1 to 3; 0: it is not tried. */
 #define REC_READINGS 160
-bool rec_blind_reading(const struct rec_rig *r, size_t i, struct rec_camera *as, char *text,
-                       size_t size);
+int rec_blind_reading(const struct rec_rig *r, size_t i, struct rec_camera *as, char *text,
+                      size_t size);
 
 #ifdef __cplusplus
 }

@@ -129,11 +129,17 @@ T_CASE(a_rig_read_wrongly)
         for (int i = 0; i < 9; i++)
             wrong.cameras[c].R[i] = f.rig.cameras[c].R[3 * (i % 3) + i / 3];
     write_rig("wrong.yaml", &wrong);
+    for (size_t c = 0; c < CAMERAS; c++)
+        if (c != 2)
+            memcpy(wrong.cameras[c].R, f.rig.cameras[c].R, sizeof wrong.cameras[c].R);
+    write_rig("one.yaml", &wrong);
     rec_rig_fini(&wrong);
     T_EQ_I(pyrovox("calibrate check --rig wrong.yaml --frames good --quiet"), 1);
     T_OK(says("out.txt", "if R is transposed"));
     T_EQ_I(pyrovox("reconstruct --rig wrong.yaml --frames good --out v --quiet --last 0"), 0);
     T_OK(says("err", "if R is transposed"));
+    T_EQ_I(pyrovox("reconstruct --rig one.yaml --frames good --out v --quiet --last 0"), 0);
+    T_OK(says("err", "if R is transposed in cam2"));
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames good --out v --quiet --last 0"), 0);
     T_EQ_S(slurp("err"), "");
 }

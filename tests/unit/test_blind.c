@@ -111,6 +111,32 @@ T_CASE(names_one_camera)
     rec_rig_fini(&r);
 }
 
+/* From above, either way of writing a pose shows some of a volume near the origin. */
+T_CASE(names_a_camera_that_looks_beside)
+{
+    char text[1000];
+    const double above[3] = {1.8, 0.8, 2};
+    struct rec_rig r;
+    T_EQ_I(rec_rig_ring(4, 2, 640, 480, 16, &r), PVX_OK);
+    rec_camera_look(above, (double[3]){0, 0, 0.5}, &r.cameras[2]);
+    T_EQ_I(seen(&r, text), REC_BLIND_NONE);
+    write_as(&r.cameras[2], true, false, false, 1);
+    T_EQ_I(seen(&r, text), REC_BLIND_SOME);
+    T_CONTAINS(text,
+               "cam2 sees only 29 % of the volume, beside the middle of its picture; it would "
+               "see 100 % if R and t lead from the camera to the world");
+    write_as(&r.cameras[2], true, false, false, 1);
+    for (double up = 0.5; up < 2; up += 0.1) { /* aimed higher and higher */
+        rec_camera_look(above, (double[3]){0, 0, up}, &r.cameras[2]);
+        T_EQ_I(seen(&r, text), REC_BLIND_NONE);
+    }
+    for (size_t c = 0; c < 4; c++) /* in a line, side by side */
+        rec_camera_look((double[3]){3, (double)c - 1.5, 0.5}, (double[3]){0, (double)c - 1.5, 0.5},
+                        &r.cameras[c]);
+    T_EQ_I(seen(&r, text), REC_BLIND_NONE);
+    rec_rig_fini(&r);
+}
+
 T_CASE(knows_a_lens_of_another_picture)
 {
     char text[1000];

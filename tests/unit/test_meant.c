@@ -101,6 +101,32 @@ T_CASE(names_the_mistake)
     rec_rig_fini(&r);
 }
 
+/* One camera whose pose is written in another way, with a world in which it sees the volume nevertheless. */
+T_CASE(names_the_camera_that_is_read_wrongly)
+{
+    struct rec_rig r;
+    T_EQ_I(rec_rig_ring(N, 2, W, H, 24, &r), PVX_OK);
+    rec_camera_look((double[3]){1.8, 0.8, 2}, (double[3]){0, 0, 0.5}, &r.cameras[2]);
+    shine(&r);
+    T_EQ_S(meant(&r), "");
+    const struct rec_camera right = r.cameras[2];
+    transpose(&r.cameras[2], true);
+    T_CONTAINS(
+        meant(&r),
+        "% if R and t lead from the camera to the world (give R transposed and -R^T t) in cam2");
+    r.cameras[2] = right;
+    for (int i = 0; i < 3; i++)
+        r.cameras[2].t[i] *= 100;
+    T_CONTAINS(meant(&r), "% if t is in centimetres (give t / 100) in cam2");
+    r.cameras[2] = right;
+    r.cameras[2].fx *= 2;
+    r.cameras[2].fy *= 2;
+    r.cameras[2].cx = 2 * right.cx + 0.5;
+    r.cameras[2].cy = 2 * right.cy + 0.5;
+    T_CONTAINS(meant(&r), "% if K is that of pictures of twice the size (give K / 2) in cam2");
+    rec_rig_fini(&r);
+}
+
 /* A camera that is dark, flooded, missing or moved has no such mistake. */
 T_CASE(names_none_where_there_is_none)
 {

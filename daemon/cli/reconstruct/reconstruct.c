@@ -27,7 +27,7 @@
 #include "recon/frame/inside.h"
 #include "recon/check/meant.h"
 
-#define LOOKED 3 /* sets in which a mistake in the rig is looked for, at most */
+#define LOOKED 3 /* sets of each kind in which a mistake in the rig is looked for, at most */
 
 struct job {
     const struct reconstruct_options *o;
@@ -50,7 +50,7 @@ struct job {
     size_t sets;                    /* received so far */
     struct reconstruct_hints hints; /* of the volumes written */
     bool said_lit;                  /* the warning that nearly all is lit was printed */
-    int looked;                     /* sets in which a mistake in the rig was looked for */
+    int looked[2]; /* sets in which a mistake in the rig was looked for: cameras disagree, agree */
     struct dmn_votes votes;
     bool failed;   /* a set failed, but the others went on */
     pvx_err error; /* the error that ended the work */
@@ -106,7 +106,7 @@ static void describe_volume(cJSON *root, const struct job *j)
 static void check_lit(struct job *j, const struct dmn_slot *s)
 {
     for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++)
-        if (reconstruct_has(s, c))
+        if (reconstruct_has(s, c) && (rec_frame_get_report(s->frame)->vote.out >> c & 1) == 0)
             (void)silhouettes_check_lit(j->rig.cameras[c].name, rec_frame_lit(s->frame, c),
                                         rec_frame_weight(s->frame) + j->S->row0[c],
                                         j->S->row0[c + 1] - j->S->row0[c], &j->said_lit);
@@ -133,21 +133,31 @@ static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 
-/* Of the first sets whose cameras disagree: the mistake in the rig that explains it, said once. */
+/* Of the first sets whose cameras agree by the vote, and the first whose cameras do not: the mistake in the rig that
+ * explains silhouettes better, said once. */
 static pvx_err say_meant(struct job *j, const struct dmn_slot *s)
 {
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
     const uint8_t *lit[REC_MAX_CAMERAS];
     char text[REC_MEANT_TEXT];
-    bool agree = r->vote.state != REC_VOTE_TORN && r->vote.out == 0;
-    if (j->o->no_hull || j->looked == LOOKED || (agree && r->hull.inside + r->hull.partial > 0))
+    bool agree =
+        r->vote.state != REC_VOTE_TORN && r->vote.out == 0 && r->hull.inside + r->hull.partial > 0;
+    int *looked = &j->looked[agree];
+    if (j->o->no_hull || *looked == LOOKED)
         return PVX_OK;
-    for (size_t c = 0; c < j->rig.n_cameras; c++)
+    size_t light = 0;
+    for (size_t c = 0; c < j->rig.n_cameras; c++) {
         lit[c] = reconstruct_has(s, c) ? rec_frame_lit(s->frame, c) : NULL;
+        light += lit[c] != NULL && memchr(lit[c], 1, j->S->row0[c + 1] - j->S->row0[c]) != NULL;
+    }
+    if (light < 2)
+        return PVX_OK;
     PVX_TRY(rec_rig_meant(&j->rig, j->S->binning, lit, text));
-    j->looked = text[0] != '\0' ? LOOKED : j->looked + 1;
-    if (text[0] != '\0')
+    ++*looked;
+    if (text[0] != '\0') {
+        j->looked[0] = j->looked[1] = LOOKED;
         fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)s->set, text);
+    }
     return PVX_OK;
 }
 
