@@ -1,5 +1,6 @@
 /* load.c - what the cameras ask of the host. */
 #include <arpa/inet.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -93,9 +94,13 @@ static bool on_a_wire(const struct doc_load *l)
 pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct pvx_diag *d)
 {
     struct rec_rig rig;
+    char path[PATH_MAX];
     PVX_TRY(dmn_config_rig(c, &rig, d));
+    dmn_config_path(c, c->rig, path, sizeof path);
     struct dmn_sources *s = pvx_calloc(1, sizeof *s);
-    pvx_err e = s == NULL ? PVX_ENOMEM : dmn_sources_init(s, c, &rig, NULL, d);
+    pvx_err e = s == NULL ? PVX_ENOMEM : dmn_config_sees(&rig, path, d);
+    if (e == PVX_OK)
+        e = dmn_sources_init(s, c, &rig, NULL, d);
     *l = (struct doc_load){.given = true, .fps = c->fps};
     l->n = e == PVX_OK ? rig.n_cameras : 0;
     for (size_t i = 0; i < l->n; i++) {

@@ -29,6 +29,11 @@ check writes-to-the-disk grep -qE "takes [0-9]+ MB/s" "$dir/config.log"
 doctor --sample 0 --config "$dir/none.yaml" > "$dir/none.log" 2>&1; code=$?
 check missing-configuration [ $code = 3 ]
 check which-is-named grep -q none.yaml "$dir/none.log"
+awk '/^    t: /{gsub(/[][,]/, " "); $0 = "    t: [" 1e3 * $2 ", " 1e3 * $3 ", " 1e3 * $4 "]"} 1' tests/data/rig4.yaml > "$dir/mm.yaml"
+echo '{rig: mm.yaml, cameras: "sim:"}' > "$dir/blind.yaml"
+doctor --sample 0 --config "$dir/blind.yaml" > "$dir/blind.log" 2>&1; code=$?
+check rig-that-sees-nothing [ $code = 3 ]
+check how-it-would-see grep -q 'mm.yaml: no camera sees the volume; 4 of 4 would see it if t is in millimetres' "$dir/blind.log"
 
 doctor --sample 0 --fix-script "$dir/fix.sh" > "$dir/fix.log" 2>&1
 check script-is-shell sh -n "$dir/fix.sh"
