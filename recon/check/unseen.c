@@ -77,6 +77,7 @@ static pvx_err unseen_make(rec_unseen *u, const struct rec_rig *rig,
 {
     struct rec_sysmat_params m = {.binning = rec_unseen_binning(rig, p), .rays_per_bin = p->rays};
     struct rec_frame_params f = rec_frame_defaults;
+    f.selfcal = REC_SELFCAL_OFF; /* it would hide what is looked for */
     if (p->voxels < 4 || p->voxels > REC_GRID_MAX || p->margin < 0)
         return pvx_fail(d, PVX_EINVAL, "check: %d voxels along a side, %d bins of margin",
                         p->voxels, p->margin);

@@ -8,7 +8,8 @@ const struct rec_frame_params rec_frame_defaults = {.nch = 3,
                                                     .photo = REC_PHOTO_DEFAULTS,
                                                     .hull = REC_HULL_DEFAULTS,
                                                     .solve = REC_SOLVE_DEFAULTS,
-                                                    .coarse_start = true};
+                                                    .coarse_start = true,
+                                                    .selfcal = REC_SELFCAL_ON};
 
 static pvx_err frame_allocate(rec_frame *f)
 {

@@ -31,8 +31,10 @@ struct rec_frame_params {
     bool trust_all;    /* no vote (vote.h): every camera is believed */
     bool at_least; /* saturated pixels are lower bounds (bound.h; default solver), else left out */
     bool temporal; /* use the previous volume as a prediction (temporal.h); needs coarse_start */
-    double absorption; /* c of absorb.h, 1 over pixel value; 0, the default: none */
-    uint32_t hold;     /* sets in which a camera that was voted out has to agree before it is back;
+    enum rec_selfcal_mode selfcal; /* gain and aim of the cameras are corrected in the solve
+                                      (recon/solve/selfcal.h); needs coarse_start */
+    double absorption;             /* c of absorb.h, 1 over pixel value; 0, the default: none */
+    uint32_t hold; /* sets in which a camera that was voted out has to agree before it is back;
                           0, the default: each set by itself */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
@@ -48,8 +50,9 @@ struct rec_frame_report {
     double absorption;                      /* rec_frame_params */
     float sigma;                            /* noise estimate, mean over cameras and channels */
     struct rec_verdict vote;                /* cameras that are not believed count as absent */
-    double temporal;                        /* trust in the previous volume, 0..1 */
-    bool warm;                              /* the solve started from the earlier volume */
+    struct rec_selfcal_report selfcal;
+    double temporal;            /* trust in the previous volume, 0..1 */
+    bool warm;                  /* the solve started from the earlier volume */
     uint32_t coarse_iterations; /* iterations on coarser grids, before those of `solve` */
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };

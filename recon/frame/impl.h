@@ -5,6 +5,7 @@
 
 #include "recon/frame/inside.h"
 #include "recon/solve/levels.h"
+#include "recon/solve/selfcal.h"
 #include "recon/solve/solve.h"
 #include "recon/solve/temporal.h"
 #include "recon/vote/vote.h"
@@ -32,7 +33,9 @@ struct rec_solver {
     bool coarse; /* start from coarser grids */
     rec_problem *problem;
     struct rec_descent descent; /* with `coarse` */
-    rec_temporal *temporal;     /* or NULL: off */
+    enum rec_selfcal_mode mode;
+    rec_selfcal *selfcal;   /* or NULL: off */
+    rec_temporal *temporal; /* or NULL: off */
 };
 
 struct rec_frame {

@@ -18,6 +18,11 @@ pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p, re
     pvx_err e = rec_problem_new(S, p->nch, &s->problem);
     if (e == PVX_OK && s->coarse)
         e = rec_descent_init(&s->descent, S, p->nch);
+    s->mode = p->selfcal;
+    if (e == PVX_OK && s->coarse && s->mode != REC_SELFCAL_OFF)
+        e = rec_selfcal_new(S, &s->selfcal);
+    if (e == PVX_OK)
+        rec_selfcal_attach(s->problem, s->selfcal);
     if (e == PVX_OK && s->coarse && p->temporal)
         e = rec_temporal_new(&S->grid, p->nch == 3 ? 4 : 1, &s->temporal);
     if (e != PVX_OK) {
@@ -34,6 +39,7 @@ void rec_solver_free(rec_solver **s)
         return;
     rec_problem_free(&(*s)->problem);
     rec_descent_fini(&(*s)->descent);
+    rec_selfcal_free(&(*s)->selfcal);
     rec_temporal_free(&(*s)->temporal);
     PVX_FREE(*s);
 }
@@ -93,6 +99,8 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     bool expect = warm && f->solver->temporal != NULL;
     if (warm && !expect)
         earlier_volume(f, previous);
+    if (f->solver->selfcal != NULL)
+        rec_selfcal_begin(f->solver->selfcal, f->solver->mode);
     bool any = rec_problem_load(problem, f->sub, &in);
     solver_start(f, &p, any, warm && !expect);
     f->report.temporal = 0;
@@ -102,6 +110,8 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
         f->report.temporal = rec_temporal_expect(f->solver->temporal, problem, &v, f->x);
     }
     pvx_err e = rec_solve(problem, &p, f->x, &f->report.solve);
+    if (f->solver->selfcal != NULL)
+        rec_selfcal_tell(f->solver->selfcal, &f->report.selfcal);
     f->report.solve_ns = pvx_now_mono() - t0;
     return e;
 }

@@ -44,7 +44,7 @@ static double freed(struct raise *t, size_t i, size_t l)
 {
     const rec_problem *pb = t->pb;
     size_t at = i * (size_t)pb->cs + l;
-    return pb->b[at] > pb->in.b[at] ? (double)rec_weight_at(pb, i, l) * t->q[at] * t->q[at] : 0;
+    return pb->b[at] > pb->given[at] ? (double)rec_weight_at(pb, i, l) * t->q[at] * t->q[at] : 0;
 }
 
 void rec_bound_curvature(rec_problem *pb, const float *q, double qwq[4])
@@ -56,7 +56,7 @@ static double raised(struct raise *t, size_t i, size_t l)
 {
     rec_problem *pb = t->pb;
     size_t at = i * (size_t)pb->cs + l;
-    float seen = t->r[at] + pb->b[at], b = pb->in.b[at];
+    float seen = t->r[at] + pb->b[at], b = pb->given[at];
     double before = (double)t->wr[at] * t->r[at];
     pb->b[at] = seen > b ? seen : b;
     return before - rec_put_residual(pb, i, l, seen - pb->b[at], &t->r[at], &t->wr[at]);

@@ -30,17 +30,21 @@ struct rec_problem {
     int nch, cs;
     size_t n_max, room; /* voxels of the grid; bins of a vector over rows */
 
+    struct rec_selfcal *selfcal; /* or NULL: pictures are taken as they are */
+
     /* rec_problem_load */
     const struct rec_subsys *a;
     struct rec_pictures in;
-    float *b;        /* [room][cs] on A's rows; 0 elsewhere in A's blocks */
-    float *w;        /* [room] the same; the largest weight of the channels */
-    float *w4;       /* [room][4] the same, of each channel, with in.per_channel */
-    bool any;        /* there is something to solve */
-    bool whole;      /* every row has weight 1 */
-    double b_norm2;  /* ||W^(1/2) b||^2 over A's rows, all channels */
-    double light[4]; /* sum of w b over A's rows */
-    double m;        /* measured values: rows with weight > 0, times channels */
+    const float *given; /* in.b, or where there are bounds the corrected pictures (selfcal.h) */
+    float *b;           /* [room][cs] on A's rows; 0 elsewhere in A's blocks */
+    float *bound;       /* [room][cs] of `given` */
+    float *w;           /* [room] the same; the largest weight of the channels */
+    float *w4;          /* [room][4] the same, of each channel, with in.per_channel */
+    bool any;           /* there is something to solve */
+    bool whole;         /* every row has weight 1 */
+    double b_norm2;     /* ||W^(1/2) b||^2 over A's rows, all channels */
+    double light[4];    /* sum of w b over A's rows */
+    double m;           /* measured values: rows with weight > 0, times channels */
     /* per channel (else m / nch and 1): rows that measured the channel; its weight over w, which is nearly the ratio
      * of its diagonal of A'WA to `diag` */
     double measured[4], share[4];

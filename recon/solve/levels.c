@@ -5,6 +5,7 @@
 
 #include "base/mem.h"
 #include "recon/solve/impl.h"
+#include "recon/solve/selfcal.h"
 #include "recon/solve/start.h"
 
 #define MAX_LEVELS 10
@@ -371,6 +372,7 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
     p.tolerance = TOLERANCE;
     p.deadline_ns = d->deadline_ns;
     d->iterations = 0;
+    d->problem->selfcal = fine->selfcal;
     for (int i = l->n - 1; i >= 0; i--) {
         const struct level *v = &l->at[i], *finer = i > 0 ? &l->at[i - 1] : NULL;
         const struct rec_pictures in = {
@@ -404,6 +406,7 @@ bool rec_levels_start(rec_problem *pb, struct rec_descent *d, float *x, float *s
     float *coarse = spare != NULL ? spare : x;
     double rwr[4], earlier;
     rec_levels_solve(pb, d, coarse);
+    rec_selfcal_apply(pb);
     rec_problem_misfit(pb, d->misfit2);
     if (spare != NULL) {
         rec_start_scaled(pb, x);

@@ -10,6 +10,9 @@
 extern "C" {
 #endif
 
+/* selfcal.h: nothing, gains alone, or gains and shifts are corrected. */
+enum rec_selfcal_mode { REC_SELFCAL_OFF, REC_SELFCAL_GAIN, REC_SELFCAL_ON };
+
 #define REC_RENEWALS 6 /* at most, of V and lambda in a solve */
 
 enum rec_stop { REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY, REC_STOP_ITERATIONS };
@@ -53,6 +56,22 @@ struct rec_solve_report {
     double
         misfit2[4]; /* mean of w (A x - b)^2 over measured rows, per lane, if the method knows it */
     int64_t time_ns;
+};
+
+/* What a solve found of the cameras (selfcal.h).  Errors are one sigma, from the scatter over tiles of the picture. */
+struct rec_selfcal_camera {
+    bool known; /* it was estimated */
+    float gain,
+        gain_error; /* factor on the picture; it was applied only if rec_selfcal_report.gain */
+    float shift[2],
+        shift_error
+            [2]; /* 0, 0: not estimated; raw pixels by which the flame lies further right and down than the rig says */
+};
+struct rec_selfcal_report {
+    bool gain, shift; /* these were corrected */
+    uint32_t cameras; /* of the rig; 0: nothing was estimated */
+    double test[2];   /* how far gains, shifts lie above chance, in sigma; 0: not tested */
+    struct rec_selfcal_camera camera[64];
 };
 
 /* Names of all solvers, NULL-terminated; the first is the default. */

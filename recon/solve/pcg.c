@@ -26,6 +26,7 @@
 
 #include "recon/solve/bound.h"
 #include "recon/solve/renewal.h"
+#include "recon/solve/selfcal.h"
 #include "recon/solve/stop.h"
 
 #define DEFAULT_ITERATIONS 30
@@ -254,12 +255,19 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
             gamma[l] = next[l];
         }
         if (rec_renewal_due(&renewal, stop.k, stop.moved) && !rec_late(p)) {
+            bool other = rec_selfcal_due(pb, renewal.done) && rec_selfcal_estimate(pb, t.r);
+            if (other) { /* b and r are others */
+                rec_selfcal_apply(pb);
+                refresh(&t, rwr);
+            }
             rec_renewal_take(&renewal, &t, rwr, out); /* V and lambda from x */
             pcg_value(&t, rwr, f);
-            differentiate(&t, pass->regradient, gamma, cross); /* r has not changed */
+            differentiate(&t, other ? pass->gradient : pass->regradient, gamma, cross);
             rec_stop_anew(&stop, rec_lanes_total(f), renewal.restless);
         }
     }
+    if (rec_selfcal_due_last(pb))
+        (void)rec_selfcal_estimate(pb, t.r); /* for the next grid */
     for (int l = 0; l < pb->nch; l++)
         out->lambda += t.lambda[l] / pb->nch;
     if (t.x != x)

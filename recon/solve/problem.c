@@ -6,6 +6,7 @@
 
 #include "base/mem.h"
 #include "recon/solve/impl.h"
+#include "recon/solve/selfcal.h"
 
 #define PAGE 4096
 
@@ -28,6 +29,7 @@ static size_t problem_lay_out(rec_problem *pb, char *base)
     pb->corner = problem_place(base, &end, n * lane);
     pb->before = problem_place(base, &end, n * lane);
     pb->b = problem_place(base, &end, rows * lane);
+    pb->bound = problem_place(base, &end, rows * lane);
     pb->w = problem_place(base, &end, rows * sizeof *pb->w);
     pb->w4 = problem_place(base, &end, rows * 4 * sizeof *pb->w4);
     pb->column = problem_place(base, &end, n * sizeof *pb->column);
@@ -213,6 +215,7 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
 {
     pb->a = a;
     pb->in = *in;
+    pb->given = in->b;
     pb->weighed = false;
     pb->expect = NULL;
     pb->start = REC_START_NONE;
@@ -238,6 +241,7 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
         for (int l = 0; l < 4 && weight[3] > 0; l++)
             pb->share[l] = l < 3 ? weight[l] / weight[3] : 1;
     }
+    rec_selfcal_apply(pb);
     pb->any = a->n > 0 && a->nnz > 0 && pb->m > 0 && pb->b_norm2 > 0;
     return pb->any;
 }

@@ -1,0 +1,65 @@
+/* selfcal.h - the default solver corrects gain and aim of the cameras while it solves.
+ *
+ * A real camera's gain is off by some percent and its pose by a fraction of a pixel.  Every camera c gets a factor g_c
+ * and a shift d_c of its picture; the solver sees
+ *     b_c(u) = g_c b_raw,c(u + d_c),      b_raw between bins by Catmull-Rom                         (1)
+ * They come from what an iterate leaves, r = A x - b.  Over the tiles t of a picture, all channels pooled, with
+ * m = (b + A x) / 2,
+ *     B = sum w b,  R = sum w r,  M = sum w grad m,
+ *     G = sum w b grad m,  H = sum w grad m grad m',  y = sum w r grad m
+ *     a = sum_t R / sum_t B                                                                         (2)
+ *     d = (sum_t H)^-1 sum_t (y - a G)                                                              (3)
+ *     a = sum_t (R - M'd) / sum_t B;    g_c *= 1 + a,   d_c += d                                    (4)
+ * The gain comes from sums, because blur moves light but keeps its sum: regressed on bins, a camera that looks along
+ * thin sheets seems too bright, since no volume is as sharp as they are.
+ * What no picture can show is taken out: gains have the mean of 1/g_c = 1, and of the shifts the part
+ *     T = argmin sum_c |d_c - J_c T|^2                                                              (5)
+ * goes, J_c: how the picture of a voxel moves with it.  Without this the volume drifts.
+ * Residuals come from the model more than from noise, and neighbours share them, so their size says little about the
+ * error of a and d.  The scatter over tiles does: with e_t what (2) to (4) leave of a tile's equations,
+ *     C_a = n / (n - 1) sum_t e_t^2 / (sum_t B)^2,   C_d = n / (n - 2) (sum H)^-1 sum_t e_t e_t' (sum H)^-1    (6)
+ * with n the number of tiles that count, (sum q)^2 / sum q^2 of q = B and tr H.  A correction is made only if
+ *     F = 1/f sum_c d_c' C_c^-1 d_c,   f = N - 1 for gains, 2 N - 3 for shifts, N cameras              (7)
+ * lies so many sigma above chance, by the F distribution of f and the tiles' degrees of freedom.  Otherwise no bit of
+ * the solution changes.  The two limits differ: what a tile lacks of light its neighbours have, so the scatter of R
+ * overstates the error of a gain, and exact rigs lie below chance (NUMERICS.md has the figures).
+ * When: at the end of the second finest grid; on the finest at the first renewal of the weights (renewal.h), unless
+ * the former test lay below REC_SELFCAL_NEAR; and where a correction is made, at the next renewal.
+ * None for weights per channel (mosaics), where a channel's bins are not neighbours, and for fewer than
+ * REC_SELFCAL_LEAST cameras.  Absent cameras and those that were voted out are not in it.  Rows that are lower bounds
+ * (bound.h) tell nothing here; their bounds follow the gain.
+ * Source: gauge and statistics are standard (cluster-robust variance: Liang & Zeger, Biometrika 73:13, 1986); the
+ * arrangement is our own.
+ * Threads: one problem at a time; same bits for any number.  Allocates nothing after rec_selfcal_new. */
+#ifndef REC_SELFCAL_H
+#define REC_SELFCAL_H
+#include "recon/solve/params.h"
+#include "recon/solve/problem.h"
+
+typedef struct rec_selfcal rec_selfcal;
+
+#define REC_SELFCAL_GAIN_SIGMAS  2.0
+#define REC_SELFCAL_SHIFT_SIGMAS 5.0
+#define REC_SELFCAL_NEAR         1.0
+#define REC_SELFCAL_LEAST        4
+
+/* For frame sets of S and its coarser levels.  Errors: PVX_ENOMEM.  Owner: caller. */
+PVX_MUST_CHECK pvx_err rec_selfcal_new(const rec_sysmat *S, rec_selfcal **out);
+void rec_selfcal_free(rec_selfcal **s);
+/* The problem, and those of coarser grids that start it, use `s`; NULL: none. */
+void rec_selfcal_attach(rec_problem *pb, rec_selfcal *s);
+/* Forgets the corrections: a new frame set follows. */
+void rec_selfcal_begin(rec_selfcal *s, enum rec_selfcal_mode mode);
+
+/* Writes the corrected pictures to the right-hand side of `pb`; nothing where there is no correction. */
+void rec_selfcal_apply(rec_problem *pb);
+/* Whether an estimate is due at a renewal of `pb`, of which `done` were before; at the end of its solve. */
+bool rec_selfcal_due(const rec_problem *pb, uint32_t done);
+bool rec_selfcal_due_last(const rec_problem *pb);
+/* (2) to (7) from the residual r of an iterate; true: the corrections changed. */
+bool rec_selfcal_estimate(rec_problem *pb, const float *r);
+
+/* What came out, of the last estimate. */
+void rec_selfcal_tell(const rec_selfcal *s, struct rec_selfcal_report *out);
+
+#endif
