@@ -81,6 +81,7 @@ struct dmn_config {
     double deadline_ms;
     int warm_start; /* 0 auto, 1 on, 2 off */
     int temporal;   /* 0 off, 1 on */
+    int selfcal;    /* enum rec_selfcal_mode */
 
     struct dmn_texts endpoints;
     char previews[DMN_WORD_MAX];

@@ -187,6 +187,10 @@ const struct dmn_option dmn_options[] = {
     CHOICE("model.temporal", temporal, "off", "off|on",
            "Expect the previous volume, moved along the flame's motion, as far as the pictures "
            "agree. For noisy pictures of a flame that moves slowly. Only pcg does this."),
+    CHOICE("model.selfcal", selfcal, "on", "off|gain|on",
+           "Correct gain and aim (on), or gain alone, of the cameras in the solve, where the "
+           "pictures show beyond chance that they are off. Only pcg does this, with four cameras "
+           "or more."),
 
     CHOICE("solver.name", solver, "pcg", &(REC_SOLVERS(ONE_MORE))[1],
            "Method of solution. All but pcg are for comparison."),

@@ -120,6 +120,22 @@ static void json_rig(struct dmn_json *j, const struct dmn_rig_state *r)
     dmn_json_close(j, '}');
 }
 
+/* Of the last set; null where nothing was estimated. */
+static void json_selfcal(struct dmn_json *j, const struct rec_selfcal_report *r, size_t c)
+{
+    const struct rec_selfcal_camera *k = &r->camera[c];
+    double none = k->known ? 0 : NAN;
+    dmn_json_open(j, "selfcal", '{');
+    dmn_json_bool(j, "corrected", k->known && (r->gain || r->shift));
+    dmn_json_num(j, "gain", (double)k->gain + none);
+    dmn_json_num(j, "gain_error", (double)k->gain_error + none);
+    dmn_json_num(j, "right_px", (double)k->shift[0] + none);
+    dmn_json_num(j, "down_px", (double)k->shift[1] + none);
+    dmn_json_num(j, "right_error_px", (double)k->shift_error[0] + none);
+    dmn_json_num(j, "down_error_px", (double)k->shift_error[1] + none);
+    dmn_json_close(j, '}');
+}
+
 static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
 {
     dmn_json_open(j, "cameras", '[');
@@ -138,6 +154,7 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
             dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
         dmn_json_close(j, '}');
         dmn_votes_camera_json(j, &s->votes, c);
+        json_selfcal(j, &s->report.selfcal, c);
         json_rig(j, &s->rig[c]);
         dmn_checks_camera_json(j, &s->checks, c);
         dmn_state_sync_camera(j, k);

@@ -14,6 +14,32 @@ static double volume_file_ms(int64_t ns)
     return (double)(ns / 1000) * 1e-3; /* whole microseconds */
 }
 
+static cJSON *volume_file_pair(const float v[2])
+{
+    return cJSON_CreateFloatArray(v, 2);
+}
+
+/* Cameras in the rig's order; null: not estimated. */
+static void volume_file_selfcal(cJSON *o, const struct rec_selfcal_report *r)
+{
+    cJSON *to = cJSON_AddObjectToObject(o, "selfcal");
+    cJSON_AddBoolToObject(to, "gain", r->gain);
+    cJSON_AddBoolToObject(to, "shift", r->shift);
+    cJSON_AddItemToObject(to, "sigmas", cJSON_CreateDoubleArray(r->test, 2));
+    cJSON *list = cJSON_AddArrayToObject(to, "cameras");
+    for (uint32_t c = 0; c < r->cameras; c++) {
+        const struct rec_selfcal_camera *k = &r->camera[c];
+        cJSON *one = k->known ? cJSON_CreateObject() : cJSON_CreateNull();
+        cJSON_AddItemToArray(list, one);
+        if (!k->known)
+            continue;
+        cJSON_AddNumberToObject(one, "gain", (double)k->gain);
+        cJSON_AddNumberToObject(one, "gain_error", (double)k->gain_error);
+        cJSON_AddItemToObject(one, "shift_px", volume_file_pair(k->shift));
+        cJSON_AddItemToObject(one, "shift_error_px", volume_file_pair(k->shift_error));
+    }
+}
+
 void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
 {
     cJSON_AddStringToObject(o, "solver", r->solve.solver != NULL ? r->solve.solver : "");
@@ -36,6 +62,8 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
     cJSON_AddNumberToObject(hull, "inside", (double)r->hull.inside);
     cJSON_AddNumberToObject(hull, "partial", (double)r->hull.partial);
     cJSON_AddNumberToObject(hull, "outside", (double)r->hull.outside);
+    if (r->selfcal.cameras > 0)
+        volume_file_selfcal(o, &r->selfcal);
     cJSON *t = cJSON_AddObjectToObject(o, "ms");
     cJSON_AddNumberToObject(t, "photometry", volume_file_ms(r->photo_ns));
     cJSON_AddNumberToObject(t, "vote", volume_file_ms(r->vote_ns));

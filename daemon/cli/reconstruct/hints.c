@@ -1,5 +1,6 @@
 #include "daemon/cli/reconstruct/hints.h"
 
+#include <math.h>
 #include <stdio.h>
 
 static bool lit(const struct rec_sparse *v, int32_t q)
@@ -45,10 +46,41 @@ void reconstruct_hints_add(struct reconstruct_hints *h, const struct rec_frame_r
     h->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
                r->coarse_iterations == 0 && !r->warm;
     h->empty += !any_lit(v);
+    h->corrected += r->selfcal.gain || r->selfcal.shift;
+    for (uint32_t c = 0; c < r->selfcal.cameras && (r->selfcal.gain || r->selfcal.shift); c++) {
+        const struct rec_selfcal_camera *k = &r->selfcal.camera[c];
+        if (!k->known)
+            continue;
+        h->camera[c].n++;
+        h->camera[c].gain += r->selfcal.gain ? (double)k->gain : 1;
+        for (int i = 0; i < 2; i++)
+            h->camera[c].shift[i] += r->selfcal.shift ? (double)k->shift[i] : 0;
+    }
     h->cut += whole != NULL && reaches_side(v, whole);
 }
 
-void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o)
+/* The cameras furthest off in gain and in aim, means over the volumes that were corrected. */
+static void say_corrected(const struct reconstruct_hints *h, const struct rec_rig *rig)
+{
+    size_t dim = 0, off = 0;
+    double gain[REC_MAX_CAMERAS] = {0}, px[REC_MAX_CAMERAS] = {0};
+    for (size_t c = 0; c < rig->n_cameras; c++) {
+        double n = h->camera[c].n > 0 ? h->camera[c].n : 1;
+        gain[c] = h->camera[c].n > 0 ? h->camera[c].gain / n : 1;
+        px[c] = hypot(h->camera[c].shift[0] / n, h->camera[c].shift[1] / n);
+        dim = fabs(log(gain[c])) > fabs(log(gain[dim])) ? c : dim;
+        off = px[c] > px[off] ? c : off;
+    }
+    fprintf(stderr,
+            "pyrovox: in %u of %u volumes the cameras were corrected while solving: gains by up to "
+            "%.3f (%s), aim by up to %.2f px (%s); `pyrovox calibrate gain` and `pyrovox calibrate "
+            "refine` mend the rig, --selfcal off leaves the pictures as they are\n",
+            h->corrected, h->volumes, gain[dim], rig->cameras[dim].name, px[off],
+            rig->cameras[off].name);
+}
+
+void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o,
+                           const struct rec_rig *rig)
 {
     if (h->volumes == 0)
         return;
@@ -62,6 +94,8 @@ void reconstruct_hints_say(const struct reconstruct_hints *h, const struct recon
                 "pyrovox: no volume of %u has any light: are the pictures so dark? "
                 "--threshold, --black and --background decide what counts as flame\n",
                 h->volumes);
+    if (h->corrected > 0)
+        say_corrected(h, rig);
     if (h->cut > 0)
         fprintf(stderr,
                 "pyrovox: in %u of %u volumes the flame reaches a side of the fitted box: look at "

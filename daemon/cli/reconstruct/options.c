@@ -13,6 +13,7 @@ enum {
     OPT_SOLVER = 0x100,
     OPT_ITER,
     OPT_STOP,
+    OPT_SELFCAL,
     OPT_ABSORPTION,
     OPT_MEMORY,
     OPT_PLAN,
@@ -22,6 +23,7 @@ enum {
 
 #define AT(field) CLI_AT(struct reconstruct_options, field)
 #define STOPS     "auto|lcurve|discrepancy|iterations"
+#define SELFCAL   "off|gain|on"
 
 static const struct cli_row rows[] = {
     {"frames", "DIR|TAKE.h5", AT(frames), 0, 0,
@@ -72,6 +74,11 @@ static const struct cli_row rows[] = {
     {"temporal", NULL, AT(frame.temporal), 0, 0,
      "expect the volume of the frame before, moved along the motion of the flame, as far as the "
      "pictures agree with it. For noisy pictures (5 %) of a slow flame. Only pcg can do it"},
+    {"selfcal", SELFCAL, CLI_KEY(OPT_SELFCAL), 0, 0,
+     "on (default): correct gain and aim of the cameras in the solve, where the pictures show "
+     "beyond "
+     "chance that they are off; the report has both, with errors. gain: gain alone. Only pcg does "
+     "it, with four cameras or more"},
     {.help = "Silhouettes and hull:"},
     FRAMES_IN_PHOTO_ROWS(struct reconstruct_options),
     {"background", "DIR", AT(background), 0, 0,
@@ -150,6 +157,7 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
 {
     static const enum rec_stop stop[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
                                          REC_STOP_ITERATIONS};
+    static const enum rec_selfcal_mode mode[] = {REC_SELFCAL_OFF, REC_SELFCAL_GAIN, REC_SELFCAL_ON};
     struct reconstruct_options *o = st->input;
     struct rec_solve_params *solve = &o->frame.solve;
     switch (key) {
@@ -166,6 +174,7 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
         solve->stop = stop[cli_arg_word(st, "stop", arg, STOPS)];
         o->stop_said = true;
         return 0;
+    case OPT_SELFCAL: o->frame.selfcal = mode[cli_arg_word(st, "selfcal", arg, SELFCAL)]; return 0;
     case OPT_ABSORPTION:
         o->find_absorption = strcmp(arg, "auto") == 0;
         o->frame.absorption = o->find_absorption || strcmp(arg, "off") == 0

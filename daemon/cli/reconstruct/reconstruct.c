@@ -366,7 +366,7 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     if (e == PVX_OK && !o->quiet)
         fprintf(stderr, "%u volume%s in %s\n", j->hints.volumes, j->hints.volumes == 1 ? "" : "s",
                 o->out);
-    reconstruct_hints_say(&j->hints, o);
+    reconstruct_hints_say(&j->hints, o, &j->rig);
     return e;
 }
 

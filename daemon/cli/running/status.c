@@ -151,6 +151,7 @@ static int status_run(int argc, char **argv)
         print_tables(s);
         troubles_print(s);
         votes_print(s);
+        selfcal_print(s);
         checks_print(s);
         skew_print(s);
         health_print(s);

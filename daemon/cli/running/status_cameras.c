@@ -139,6 +139,22 @@ void votes_print(const cJSON *status)
     }
 }
 
+void selfcal_print(const cJSON *status)
+{
+    const cJSON *k;
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(status, "cameras"))
+    {
+        if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(
+                cJSON_GetObjectItemCaseSensitive(k, "selfcal"), "corrected")))
+            printf("%-16s corrected in the solve: gain %.3f +- %.3f, flame %+.2f +- %.2f px to the "
+                   "right, %+.2f +- %.2f px down\n",
+                   ask_text(k, "name", NULL), ask_num(k, "selfcal", "gain"),
+                   ask_num(k, "selfcal", "gain_error"), ask_num(k, "selfcal", "right_px"),
+                   ask_num(k, "selfcal", "right_error_px"), ask_num(k, "selfcal", "down_px"),
+                   ask_num(k, "selfcal", "down_error_px"));
+    }
+}
+
 /* A number with so many decimals, or a dash if the camera does not report it. */
 static const char *status_cameras_number(const cJSON *k, const char *name, int places, char out[32])
 {

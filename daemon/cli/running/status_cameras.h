@@ -12,6 +12,7 @@ bool camera_moved(const cJSON *camera);
 void troubles_print(const cJSON *status);
 /* Print which cameras are left out of the sets because they contradict the others, and why.  Nothing if all agree. */
 void votes_print(const cJSON *status);
+void selfcal_print(const cJSON *status); /* cameras whose gain or aim the last set corrected */
 /* Print each camera's comparison with the others by the flame: agreement, displacement, gain.  Nothing before the
  * first check was done. */
 void checks_print(const cJSON *status);
