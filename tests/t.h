@@ -101,37 +101,47 @@ __attribute__((unused)) static bool t_long(void)
             T_SKIP("long: in make test-all"); \
     } while (0)
 
-/* Minutes under the sanitizer of threads, and its threads do what another case's do. */
+/* It has no threads, or they do what another case's do. */
+#define T_NO_THREADS "no threads, or those of another case"
 #if defined(__SANITIZE_THREAD__)
-#define T_NOT_UNDER_TSAN() T_SKIP("minutes under this sanitizer; another case has its threads")
+#define T_TSAN             true
+#define T_NOT_UNDER_TSAN() T_SKIP(T_NO_THREADS)
 #else
+#define T_TSAN             false
 #define T_NOT_UNDER_TSAN() ((void)0)
 #endif
 
-/* Many times the arithmetic of a case that runs. */
+/* More of the arithmetic of a case that runs.  T_SANITIZED: where fewer rounds of the same do. */
 #if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
-#define T_NOT_UNDER_SANITIZERS() \
-    T_SKIP("many minutes under sanitizers; another case goes the same way")
+#define T_NOT_UNDER_SANITIZERS() T_SKIP("another case goes the same way")
+#define T_SANITIZED              1
 #else
 #define T_NOT_UNDER_SANITIZERS() ((void)0)
+#define T_SANITIZED              0
 #endif
 
-/* A case is run because it is written: no list to keep. */
+/* A case is run because it is written: no list to keep.  Where cases are written T_CASE_OF_THREADS, ThreadSanitizer runs
+ * these alone: the others have no threads, or those of another case. */
 struct t_case {
     const char *name;
     void (*fn)(void);
+    bool threads;
     struct t_case *next;
 };
+__attribute__((unused)) static bool t_threads; /* is one so written? */
 __attribute__((unused)) static struct t_case *t_first, **t_end = &t_first;
-#define T_CASE(name_)                                               \
+#define T_CASE_(name_, threads_)                                    \
     static void name_(void);                                        \
     __attribute__((constructor)) static void t_enlist_##name_(void) \
     {                                                               \
-        static struct t_case c_ = {#name_, name_, NULL};            \
+        static struct t_case c_ = {#name_, name_, threads_, NULL};  \
         *t_end = &c_;                                               \
         t_end = &c_.next;                                           \
+        t_threads |= c_.threads;                                    \
     }                                                               \
     static void name_(void)
+#define T_CASE(name_)            T_CASE_(name_, false)
+#define T_CASE_OF_THREADS(name_) T_CASE_(name_, true)
 
 __attribute__((unused)) static int t_done(void)
 {
@@ -177,8 +187,10 @@ int t_run(void)
     for (const struct t_case *c = t_first; c != NULL; c = c->next) {
         t_case_fails = 0;
         t_skip_reason = t_skip_all;
+        if (T_TSAN && t_threads && !c->threads)
+            t_skip_reason = T_NO_THREADS;
         struct t_clock from = t_now();
-        if (t_skip_all == NULL)
+        if (t_skip_reason == NULL)
             c->fn();
         t_note_time(base, c->name, from);
         if (t_case_fails > 0) {

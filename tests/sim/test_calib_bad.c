@@ -98,7 +98,6 @@ T_CASE(still_pictures_count_once)
 
 T_CASE(a_camera_that_was_moved)
 {
-    T_NOT_UNDER_TSAN();
     struct bv_result r;
     bv_init(&s, 4, true);
     s.frames = 40;
@@ -119,7 +118,7 @@ T_CASE(a_camera_that_was_moved)
 
 T_CASE(cameras_out_of_step)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct bv_result r;
     bv_init(&s, 4, true);
     s.frames = 50;
@@ -151,7 +150,6 @@ T_CASE(cameras_out_of_step)
 /* The board is held still in a new pose for every picture, and one camera's numbers are one too high. */
 T_CASE(numbers_that_are_one_too_high)
 {
-    T_NOT_UNDER_TSAN();
     struct bv_result r;
     bool late = false;
     bv_init(&s, 4, true);
@@ -244,7 +242,6 @@ T_CASE(broken_views_are_left_out)
  * theirs.  A rig that is called good is right in the cameras that nothing was done to. */
 T_CASE(turned_and_swapped_pictures)
 {
-    T_NOT_UNDER_TSAN();
     enum { TURN_ONE, TURN_ALL, SWAP, N };
     int told = 0;
     for (size_t i = 0; i < 3 * N; i++) {

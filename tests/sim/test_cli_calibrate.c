@@ -90,7 +90,7 @@ static void list(const cJSON *o, const char *key, double *out, int n)
     }
 }
 
-T_CASE(the_rig_comes_back)
+T_CASE_OF_THREADS(the_rig_comes_back)
 {
     struct pvx_diag d = {""};
     struct rec_rig rig = {0};
@@ -346,7 +346,7 @@ T_CASE(a_camera_behind_a_wavy_window_is_refused)
 }
 
 /* Stopped while it waits for a picture that somebody still writes. */
-T_CASE(ctrl_c_writes_nothing)
+T_CASE_OF_THREADS(ctrl_c_writes_nothing)
 {
     struct pvx_diag d = {""};
     char name[400];

@@ -118,7 +118,7 @@ static void write_take(const char *name)
     T_EQ_S(d.text, "");
 }
 
-T_CASE(a_take_gives_the_rig)
+T_CASE_OF_THREADS(a_take_gives_the_rig)
 {
     double rms = NAN, worst = NAN;
     int mod[HELD], n;

@@ -64,7 +64,7 @@ static double off(const char *file)
 
 T_CASE(a_camera_bumped_after_the_board)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     T_EQ_I(pyrovox(BY_BOARD "board.yaml"), 0);
     T_EQ_I(pyrovox(BY_FLAME "burnt --out flame.yaml"), 0);
     T_CONTAINS(slurp("out.txt"), "4 frame sets fit, 2 judge");
@@ -77,7 +77,6 @@ T_CASE(a_camera_bumped_after_the_board)
 /* The rig is the board's, bit for bit, and it is said why. */
 T_CASE(what_a_flame_cannot_mend)
 {
-    T_NOT_UNDER_TSAN();
     static char board[sizeof text];
     static const struct {
         const char *flame, *says;

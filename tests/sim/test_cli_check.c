@@ -82,7 +82,6 @@ static bool says(const char *file, const char *words)
 
 T_CASE(a_right_rig)
 {
-    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames good --quiet"), 0);
     T_OK(says("out.txt", "the flame agrees with the rig in all 6 cameras"));
     T_EQ_S(slurp("err"), "");
@@ -90,7 +89,7 @@ T_CASE(a_right_rig)
 
 T_CASE(a_black_level)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames pedestal --quiet"), 1);
     T_OK(says("err", "--black"));
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames pedestal --quiet --black 0.05"), 0);
@@ -99,7 +98,6 @@ T_CASE(a_black_level)
 
 T_CASE(a_bumped_camera)
 {
-    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames bumped --quiet --report c.html "
                    "--report c.json"),
            1);
@@ -122,7 +120,6 @@ T_CASE(a_bumped_camera)
 
 T_CASE(a_rig_read_wrongly)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig wrong;
     T_EQ_I(rec_rig_copy(&f.rig, &wrong), PVX_OK);
     for (size_t c = 0; c < CAMERAS; c++)
@@ -146,7 +143,6 @@ T_CASE(a_rig_read_wrongly)
 
 T_CASE(a_cap_on_a_lens)
 {
-    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames capped --quiet"), 1);
     T_OK(says("out.txt", "cam4 dark: "));
     T_OK(says("out.txt", "take the cap off"));
@@ -175,7 +171,6 @@ T_CASE(a_rig_refined)
 /* Nothing is written where it cannot be had. */
 T_CASE(what_is_not_refined)
 {
-    T_NOT_UNDER_TSAN();
     static const struct cli_case bad[] = {
         {"--frames good --last 4", "5 frame sets: a refinement needs 6", 1},
         {"--frames capped", "cam4 is wrong, but not its pose (dark): take the cap off", 1},
@@ -202,7 +197,6 @@ T_CASE(cameras_in_a_line)
 
 T_CASE(what_cannot_be_judged)
 {
-    T_NOT_UNDER_TSAN();
     static const struct cli_case bad[] = {
         {"--rig rig.yaml", "which flame?", 2},
         {"--frames good", "which rig?", 2},

@@ -105,7 +105,7 @@ static void ladder_takes(const char *name, const struct light_camera *cam, scene
     }
 }
 
-T_CASE(response_is_linear_to_half_a_percent)
+T_CASE_OF_THREADS(response_is_linear_to_half_a_percent)
 {
     struct light_camera cam[N];
     char args[1500] = "calibrate response --rig rig.yaml --out response.yaml";
@@ -281,7 +281,6 @@ static double a_flame(size_t c, int g, int x, int y)
 
 T_CASE(dark_flat_and_gain_in_their_order)
 {
-    T_NOT_UNDER_TSAN();
     struct light_camera *cam = faulty();
     take("dark", cam, 0, 16, nothing);
     T_EQ_I(pyrovox("calibrate dark --rig rig.yaml --frames dark --exposure 5 --out dark.yaml"), 0);
@@ -362,7 +361,6 @@ static void take_moving(const char *name, const struct light_camera *cam, int se
 
 T_CASE(a_camera_that_sees_two_thirds_of_the_flame)
 {
-    T_NOT_UNDER_TSAN();
     struct light_camera cam[N];
     for (size_t c = 0; c < N; c++) {
         cam[c] = healthy(c);
@@ -438,7 +436,6 @@ static double apart(const char *a, const char *b)
 /* By the rigs of the case before. */
 T_CASE(the_volume_is_that_of_healthy_cameras)
 {
-    T_NOT_UNDER_TSAN();
     struct light_camera cam[N];
     for (size_t c = 0; c < N; c++) {
         cam[c] = healthy(c);
@@ -463,7 +460,6 @@ T_CASE(the_volume_is_that_of_healthy_cameras)
 /* By the rig with maps of the cases before: one that is written elsewhere finds them. */
 T_CASE(a_rig_that_is_saved_elsewhere)
 {
-    T_NOT_UNDER_TSAN();
     T_EQ_I(pvx_mkdirs(at("else/where"), NULL), PVX_OK);
     T_EQ_I(pyrovox("reconstruct --quiet --rig gain.yaml --frames flame --last 0 --fit-volume "
                    "--save-rig else/where/tight.yaml"),

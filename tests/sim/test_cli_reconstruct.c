@@ -81,7 +81,7 @@ static double volume_error(const char *name, int frame, enum rec_basis basis)
     return err;
 }
 
-T_CASE(flame_comes_back)
+T_CASE_OF_THREADS(flame_comes_back)
 {
     T_EQ_I(reconstruct("--out vol --save-report report.json --threads 2"), 0);
     for (int f = 0; f < FRAMES; f++)
@@ -150,7 +150,6 @@ T_CASE(fisheyes_are_as_good_as_pinholes)
 
 T_CASE(trilinear_and_other_solvers)
 {
-    T_NOT_UNDER_TSAN();
     T_EQ_I(reconstruct("--out tri --basis trilinear --last 0 --quiet"), 0);
     T_LE(volume_error("tri/000000.npy", 0, REC_TRILINEAR), 0.25);
     T_OK(access(at("tri/000001.npy"), F_OK) != 0); /* --last */
@@ -163,7 +162,7 @@ T_CASE(trilinear_and_other_solvers)
     T_LE(volume_error("mlem/000000.npy", 0, REC_BOX), volume_error("full/000000.npy", 0, REC_BOX));
 }
 
-T_CASE(unseen_view)
+T_CASE_OF_THREADS(unseen_view)
 {
     float *img, *want = malloc(W * H * 3 * sizeof *want);
     size_t shape[4];
@@ -196,7 +195,7 @@ T_CASE(unseen_view)
 }
 
 /* 8-bit files: one missing, one of the wrong size, one not an image; the rest goes on. */
-T_CASE(bad_and_missing_frames)
+T_CASE_OF_THREADS(bad_and_missing_frames)
 {
     struct pvx_diag d = {""};
     record("png", "png");
@@ -266,7 +265,6 @@ T_CASE(a_camera_that_lies_is_left_out)
 /* The same frame: a black camera, believed, leaves no box; left out, the box is that of the other seven. */
 T_CASE(nor_does_it_spoil_the_fitted_volume)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig with, without;
     struct pvx_diag d = {""};
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
@@ -372,7 +370,7 @@ T_CASE(numbers_that_are_times)
 }
 
 /* Films without loss give the volumes of the pictures, bit for bit, where a camera's film lacks a frame too. */
-T_CASE(films_are_frames)
+T_CASE_OF_THREADS(films_are_frames)
 {
     char cmd[600];
     if (system("ffmpeg -version >/dev/null 2>&1") != 0) /* NOLINT(cert-env33-c,*command-proc*) */
@@ -399,7 +397,7 @@ T_CASE(films_are_frames)
 }
 
 /* A take of a camera's JPEG pictures: one set, sRGB. */
-T_CASE(a_take_of_jpegs)
+T_CASE_OF_THREADS(a_take_of_jpegs)
 {
     struct cap_take_camera cameras[CAMERAS - 1];
     char names[CAMERAS - 1][8];
@@ -478,7 +476,6 @@ static double error_of_field(const char *name, struct rec_grid *g)
 /* A rig with a box of eight times the volume: fitted, the same number of voxels gives less error. */
 T_CASE(volume_fitted_to_the_flame)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig wide, tight;
     struct rec_grid g, fitted;
     struct pvx_diag d = {""};
@@ -649,7 +646,7 @@ static double image_difference(const char *a, const char *b)
 }
 
 /* Folders of pictures: the same as one at a time, one exposure, any viewpoint. */
-T_CASE(animations)
+T_CASE_OF_THREADS(animations)
 {
     T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 --format both vol movie"), 0);
     slurp("err");

@@ -73,23 +73,25 @@ static void watch(const char *third, const char *more, struct seen *y, int full,
 /* The camera dies after each 8 pictures and is back a quarter of a second later. */
 T_CASE(a_flapping_camera_does_no_harm)
 {
+    enum { WHOLE = T_TSAN ? 8 : 20, LESS = T_TSAN ? 4 : 12 };
     static struct seen y;
-    watch("die_after=8", "sync: {policy: solve-with-what-is-there, min_cameras: 7}\n", &y, 20, 12);
+    watch("die_after=8", "sync: {policy: solve-with-what-is-there, min_cameras: 7}\n", &y, WHOLE,
+          LESS);
     printf("  relative L2 error: 8 views %.3f mean %.3f worst (%d), 7 views %.3f mean %.3f worst "
            "(%d), "
            "first after a change %.3f worst (%d)\n",
            mean(&y.with[8]), y.with[8].max, y.with[8].n, mean(&y.with[7]), y.with[7].max,
            y.with[7].n, y.changed.max, y.changed.n);
-    T_OK(y.with[8].n >= 20);
-    T_OK(y.with[7].n >= 12);
-    T_OK(y.changes >= 4);
+    T_OK(y.with[8].n >= WHOLE);
+    T_OK(y.with[7].n >= LESS);
+    T_OK(y.changes >= (T_TSAN ? 1 : 4));
     T_EQ_I(y.wrong_mask, 0);
     T_LE(y.with[8].max, 0.2);
     T_LE(y.with[7].max, 0.2);
     T_LE(mean(&y.with[7]), 1.25 * mean(&y.with[8]));
     T_LE(y.changed.max, 0.2);
     T_OK(state.capture.sets_partial > 0);
-    T_OK(state.capture.camera[3].count[CAP_LOST_CAMERA] >= 2);
+    T_OK(state.capture.camera[3].count[CAP_LOST_CAMERA] >= (T_TSAN ? 1 : 2));
 }
 
 /* drop: only whole sets.  wait: whole ones as long as the camera lives, then those of the others. */
@@ -113,6 +115,7 @@ T_CASE(the_other_policies_do_what_they_say)
 /* hull.min_views holds for the cameras that are there. */
 T_CASE(min_views_is_respected)
 {
+    T_NOT_UNDER_TSAN();
     static struct seen y;
     watch("absent",
           "sync: {policy: solve-with-what-is-there, min_cameras: 7}\nhull: {min_views: 8}\n", &y, 0,

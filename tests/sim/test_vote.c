@@ -51,13 +51,12 @@ static double over_leaving_out(const struct take *t, enum fault fault, size_t ba
 
 T_CASE(one_that_lies_costs_what_leaving_it_out_costs)
 {
-    T_NOT_UNDER_TSAN();
     static const size_t cameras[] = {5, 6, 8, 12};
     static const enum rec_wrong why[] = {[BLACK] = REC_WRONG_DARK,
                                          [SHIFTED] = REC_WRONG_DISAGREES,
                                          [FLOODED] = REC_WRONG_FLOODED,
                                          [HALF] = REC_WRONG_GAIN};
-    for (size_t i = 0; i < N_HELD; i++) {
+    for (size_t i = 0; i < (T_SANITIZED ? 1 : N_HELD); i++) {
         struct take t = bed(held_out[i], (enum rig_kind)(i % N_RIGS), cameras[i], 11 + i);
         size_t bad = i % cameras[i];
         for (int f = BLACK; f <= HALF; f++) {
@@ -74,7 +73,6 @@ T_CASE(one_that_lies_costs_what_leaving_it_out_costs)
  * it is believed, and costs up to a fifth. */
 T_CASE(late_and_frozen)
 {
-    T_NOT_UNDER_TSAN();
     struct take t = bed(FLAME_RING, EVEN, 8, 3);
     for (size_t bad = 0; bad < 8; bad += 3) {
         T_LE(over_leaving_out(&t, LATE, bad), verdict(&t)->out != 0 ? 1.1 : 1.25);
@@ -88,7 +86,6 @@ T_CASE(late_and_frozen)
 
 T_CASE(left_out_is_absent_to_the_bit)
 {
-    T_NOT_UNDER_TSAN();
     struct take t = bed(FLAME_POOL, EVEN, 6, 2);
     struct rec_sparse a, b;
     shoot(&t, t.trusting, BLACK, 1, 0.01, 5);
@@ -107,10 +104,9 @@ T_CASE(left_out_is_absent_to_the_bit)
 
 T_CASE(nobody_of_a_healthy_set)
 {
-    T_NOT_UNDER_TSAN();
     static const enum flame_kind kinds[] = {FLAME_RING, FLAME_GAUSS40, FLAME_RAGGED, FLAME_SHEETS,
                                             FLAME_WALL, FLAME_SHELL,   FLAME_POOL};
-    for (size_t i = 0; i < 14; i++) {
+    for (size_t i = 0; i < (T_SANITIZED ? 2 : 14); i++) {
         struct take t = bed(kinds[i % 7], (enum rig_kind)(i % N_RIGS), 4 + i % 13, 100 + i);
         for (int noise = 0; noise <= 10; noise += 5) {
             const struct rec_verdict *v = vote(&t, HEALTHY, 0, 0.01 * noise);
@@ -124,7 +120,6 @@ T_CASE(nobody_of_a_healthy_set)
 /* Voxels four and eight times longer one way: what they cannot show is no fault of a camera, and faults are found. */
 T_CASE(long_voxels)
 {
-    T_NOT_UNDER_TSAN();
     static const struct {
         int32_t n[3];
         enum flame_kind flame;
@@ -180,8 +175,7 @@ T_CASE(fewer_than_four_and_no_flame)
 /* Both are left out, or it is said that it cannot be told. */
 T_CASE(two_of_eight)
 {
-    T_NOT_UNDER_TSAN();
-    for (size_t i = 0; i < N_HELD; i++) {
+    for (size_t i = 0; i < (T_SANITIZED ? 1 : N_HELD); i++) {
         struct take t = bed(held_out[i], EVEN, 8, 50 + i);
         for (int f = BLACK; f <= HALF; f++)
             for (int g = f; g <= HALF; g++) {
@@ -199,7 +193,7 @@ T_CASE(two_of_eight)
     }
 }
 
-T_CASE(same_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_for_any_number_of_threads)
 {
     struct take t = bed(FLAME_WALL, WILD, 7, 8);
     struct rec_verdict first = *vote(&t, SHIFTED, 3, 0.05);
@@ -222,7 +216,6 @@ T_CASE(same_for_any_number_of_threads)
 /* The cameras in another order get the same costs, to what sums in another order leave. */
 T_CASE(same_in_any_order)
 {
-    T_NOT_UNDER_TSAN();
     enum { N = 7, STEP = 3 }; /* camera c becomes number c * STEP % N */
     struct take t = bed(FLAME_SHELL, MIXED, N, 9), u = t;
     struct rec_sysmat_params p = {.binning = 1, .rays_per_bin = 1};
@@ -250,7 +243,6 @@ T_CASE(same_in_any_order)
 /* What says nothing is no lie: a camera that looks past the flame, one whose picture ends in it. */
 T_CASE(who_sees_a_part_or_nothing_is_believed)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     struct take t;
     CHECK(pool != NULL ? PVX_OK : pvx_pool_new(2, "test", &pool));
@@ -272,7 +264,6 @@ T_CASE(who_sees_a_part_or_nothing_is_believed)
 
 T_CASE(dazzled)
 {
-    T_NOT_UNDER_TSAN();
     struct take t = bed(FLAME_RING, EVEN, 6, 4);
     shoot(&t, t.f, HEALTHY, 0, 0.01, 5);
     for (size_t c = 0; c < 6; c++)
@@ -289,7 +280,6 @@ T_CASE(dazzled)
 /* Pixels behind a Bayer filter, as they are. */
 T_CASE(mosaics)
 {
-    T_NOT_UNDER_TSAN();
     static const uint8_t cell[4] = {0, 1, 1, 2};
     struct take t = bed(FLAME_RING, EVEN, 6, 4);
     for (int fault = HEALTHY; fault <= HALF; fault++) {
@@ -339,7 +329,6 @@ T_CASE(back_when_it_agrees_again)
 /* Live not every set asks every camera; what is wrong at once is out at once, and who is out stays out. */
 T_CASE(asked_now_and_then)
 {
-    T_NOT_UNDER_TSAN();
     struct take t = bed(FLAME_SHEETS, EVEN, 7, 4);
     struct rec_frame_params p = rec_frame_defaults;
     rec_frame *f;
@@ -367,7 +356,6 @@ T_CASE(asked_now_and_then)
 /* The same bits again and again while the others' pictures change: no statistics needed. */
 T_CASE(frozen_to_the_bit)
 {
-    T_NOT_UNDER_TSAN();
     struct take t = bed(FLAME_RING, EVEN, 6, 4);
     size_t n = (size_t)WIDE * (WIDE * 3 / 4) * 4;
     float *still = must_floats(n);

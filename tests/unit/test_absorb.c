@@ -222,7 +222,6 @@ static struct rec_absorption find(const struct scene *s)
 T_CASE(a_volume_and_its_absorption_from_pictures)
 {
     struct scene s;
-    T_NOT_UNDER_TSAN();
     scene_new(&s, 8, 80, 24, 2, 2);
     scene_at(&s, 0.3);
     darken(&s, 0);

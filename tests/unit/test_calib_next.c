@@ -66,7 +66,7 @@ static double carry(bool advised, double *worst_prediction)
 
 T_CASE(advice_beats_chance)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     double with = 0, without = 0, off = 0;
     for (int k = 0; k < RIGS; k++) {
         double worst = 0;

@@ -48,7 +48,6 @@ static enum rec_wrong named(size_t camera, enum spoil what)
 
 T_CASE(a_right_rig_agrees)
 {
-    T_NOT_UNDER_TSAN();
     T_EQ_I(named(0, SPOIL_NOTHING), REC_WRONG_NOTHING);
     T_EQ_I(verdict.outcome, REC_CHECK_AGREES);
     for (size_t c = 0; c < seven.rig.n_cameras; c++) {
@@ -91,7 +90,6 @@ T_CASE(each_fault_by_its_name)
 
 T_CASE(two_at_once)
 {
-    T_NOT_UNDER_TSAN();
     const struct fault two[] = {{1, SPOIL_CAP}, {4, SPOIL_SHIFT}, {0, N_SPOILS}};
     T_EQ_I(judge(&seven, &seven.rig, SETS, two), PVX_OK);
     T_EQ_I(verdict.outcome, REC_CHECK_NAMED);
@@ -104,7 +102,7 @@ T_CASE(two_at_once)
 /* Who is not believed from the start is judged all the same: named when it is wrong, back when it is not. */
 T_CASE(doubted_from_the_start)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     for (int wrong = 0; wrong < 2; wrong++) {
         const bool doubted[REC_MAX_CAMERAS] = {[4] = true};
         struct flame_source s = {.f = &seven, .noise = t_normal};
@@ -127,7 +125,6 @@ T_CASE(doubted_from_the_start)
 /* Of five, two that lie leave three: no more than could agree by chance. */
 T_CASE(what_cannot_be_told_is_said)
 {
-    T_NOT_UNDER_TSAN();
     struct flame_rig five;
     const struct fault two[] = {{1, SPOIL_TENTH}, {3, SPOIL_MIRROR}, {0, N_SPOILS}};
     flame_rig_new(&five, 5, W, 3, 22, t_normal);
@@ -141,7 +138,7 @@ T_CASE(what_cannot_be_told_is_said)
  * so much is seen a quarter too small. */
 T_CASE(a_turn_and_a_size)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct rec_rig rig;
     const struct fault none[] = {{0, N_SPOILS}};
     const double mid[3] = {0, 0, 0.5}, still[3] = {0}, roll[3] = {0, 0, 0.1};
@@ -170,7 +167,6 @@ static pvx_err refused(const struct flame_rig *f, size_t sets, const char *says)
 
 T_CASE(what_tells_nothing_is_refused)
 {
-    T_NOT_UNDER_TSAN();
     struct flame_rig few;
     flame_rig_new(&few, 3, W, 3, 23, t_normal);
     T_EQ_I(refused(&few, 3, "fewer than 4"), PVX_EINVAL);
@@ -191,7 +187,7 @@ T_CASE(what_tells_nothing_is_refused)
 
 T_CASE(same_bits_for_any_number_of_threads)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct rec_check_camera at[2];
     for (int i = 0; i < 2; i++) {
         pvx_pool *all = pool;
@@ -235,7 +231,6 @@ T_CASE(gauge)
  * search began. */
 T_CASE(noise_draws_nothing)
 {
-    T_NOT_UNDER_TSAN();
     enum { N = 64, MANY = 60 };
     static float raw[N * N], b[N * N], p[N * N], weight[N * N], tmp[N * N];
     static struct rec_lattice sum;

@@ -64,7 +64,6 @@ static void play(struct bed *b, int n, double noise, uint64_t missing)
 
 T_CASE(moved)
 {
-    T_NOT_UNDER_TSAN();
     struct bed b;
     bed_new(&b, 0.15);
     play(&b, 2 * ROUND, 0.005, 0);
@@ -90,7 +89,7 @@ T_CASE(moved)
 /* One that was never where the rig says: nothing to compare it with, but far enough off. */
 T_CASE(off_from_the_start)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct bed b;
     bed_new(&b, 0);
     b.shot[1].cx += 6;
@@ -102,7 +101,7 @@ T_CASE(off_from_the_start)
 
 T_CASE(healthy)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct bed b;
     bed_new(&b, 0.2);
     play(&b, 4 * ROUND, 0.02, 0);
@@ -115,7 +114,6 @@ T_CASE(healthy)
 /* A set now and then without a camera changes nothing; many make it a rig of the others. */
 T_CASE(missing)
 {
-    T_NOT_UNDER_TSAN();
     struct bed b;
     bed_new(&b, 0);
     for (int k = 0; k < 2 * ROUND; k++)

@@ -257,7 +257,6 @@ static void paint(rec_frame *f, enum picture what)
 
 T_CASE(hard_pictures)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_frame_params p = params();
     p.photo.saturation = 0.998f;
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
@@ -322,7 +321,7 @@ T_CASE(hull_of_one_voxel)
     rec_frame_free(&f);
 }
 
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     struct rec_frame_params p = params();
     uint64_t state = t_state;
@@ -358,7 +357,7 @@ T_CASE(same_bits_for_any_number_of_threads)
 }
 
 /* A slot carries nothing over; a warm start changes how long it takes, not where it ends. */
-T_CASE(slots_and_warm_starts)
+T_CASE_OF_THREADS(slots_and_warm_starts)
 {
     struct rec_frame_params p = params();
     rec_frame *f = frame(&p), *g = frame(&p);
@@ -399,7 +398,7 @@ T_CASE(slots_and_warm_starts)
     rec_frame_free(&g);
 }
 
-T_CASE(grey_and_background)
+T_CASE_OF_THREADS(grey_and_background)
 {
     struct rec_frame_params p = params();
     p.nch = 1;

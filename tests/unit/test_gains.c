@@ -75,7 +75,6 @@ static struct dimmed all(void)
 
 T_CASE(gains_that_are_wrong_by_a_fifth)
 {
-    T_NOT_UNDER_TSAN();
     struct dimmed s = all();
     double gain[REC_MAX_CAMERAS];
     T_EQ_I(find(&s, &six.rig, SETS, gain), PVX_OK);
@@ -90,7 +89,6 @@ T_CASE(gains_that_are_wrong_by_a_fifth)
 
 T_CASE(a_flame_that_is_cut_off)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     double gain[REC_MAX_CAMERAS];
     struct dimmed s = all();
@@ -106,7 +104,6 @@ T_CASE(a_flame_that_is_cut_off)
 
 T_CASE(one_odd_set_does_not_count)
 {
-    T_NOT_UNDER_TSAN();
     struct dimmed s = all();
     double gain[REC_MAX_CAMERAS];
     s.odd = 1;
@@ -117,7 +114,6 @@ T_CASE(one_odd_set_does_not_count)
 
 T_CASE(what_held_out_sets_do_not_bear_out_is_undone)
 {
-    T_NOT_UNDER_TSAN();
     struct dimmed s = {.gain = {1, 1, 1, 1, 1, 1}, .odd = 0};
     double gain[REC_MAX_CAMERAS];
     T_EQ_I(find(&s, &six.rig, 3, gain), PVX_OK); /* of two sets that fit one is odd */
@@ -129,7 +125,7 @@ T_CASE(what_held_out_sets_do_not_bear_out_is_undone)
 
 T_CASE(the_same_bits_by_any_number_of_threads)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     double gain[2][REC_MAX_CAMERAS];
     pvx_pool *both = pool;
     for (unsigned i = 0; i < 2; i++) {

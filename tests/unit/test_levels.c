@@ -56,7 +56,7 @@ T_CASE(start_is_near_the_truth)
     }
 }
 
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     float *first = NULL;
     size_t n = 0;

@@ -50,7 +50,6 @@ static void begin(void)
  * daemon lets out what is due five times a second (here once). */
 T_CASE(a_week_of_a_cable_that_is_loose)
 {
-    T_NOT_UNDER_TSAN();
     begin();
     size_t seldom = 0;
     for (int t = 0; t < WEEK; t++) {

@@ -300,7 +300,7 @@ T_CASE(any_processor_gives_the_same)
 }
 
 /* On the coarser grids too: weights of 1 per channel give the start that weights of 1 give. */
-T_CASE(coarse_levels_agree)
+T_CASE_OF_THREADS(coarse_levels_agree)
 {
     struct rec_kernels k;
     struct rec_frame_params fp = rec_frame_defaults;
@@ -436,7 +436,7 @@ static void same_volumes(rec_frame *a, rec_frame *b)
     T_EQ_I(memcmp(va.value, vb.value, (size_t)va.n * 16), 0);
 }
 
-T_CASE(threads_change_nothing)
+T_CASE_OF_THREADS(threads_change_nothing)
 {
     pvx_pool *single = NULL;
     T_EQ_I(pvx_pool_new(1, "one", &single), PVX_OK);

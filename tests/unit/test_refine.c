@@ -36,7 +36,6 @@ static double off(const struct rec_rig *rig)
 
 T_CASE(a_bumped_tripod)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     const double mid[3] = {0, 0, 0.5}, turn[3] = {0, 0, 0.02}, aside[3] = {0.05, -0.03, 0.02};
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
@@ -59,7 +58,6 @@ T_CASE(a_bumped_tripod)
 /* Nothing to gain: the very numbers that came go out. */
 T_CASE(a_right_rig_is_refused)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
     T_EQ_I(refine(&rig, SETS, 0, SPOIL_NOTHING), PVX_OK);
@@ -75,7 +73,6 @@ T_CASE(a_right_rig_is_refused)
 
 T_CASE(what_is_no_pose_is_refused)
 {
-    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
     T_EQ_I(refine(&rig, SETS, 2, SPOIL_CAP), PVX_EINVAL);
@@ -87,7 +84,7 @@ T_CASE(what_is_no_pose_is_refused)
 
 T_CASE(cameras_in_a_line)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct rec_rig rig;
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
     T_OK(!rec_rig_in_line(&rig));

@@ -117,7 +117,7 @@ T_CASE(flame_on_a_grid_looks_like_the_flame)
     rec_rig_fini(&rig);
 }
 
-T_CASE(threads_give_the_same_bits)
+T_CASE_OF_THREADS(threads_give_the_same_bits)
 {
     struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {16, 16, 16}, REC_TRILINEAR};
     float *v = malloc(rec_grid_count(&g) * 3 * sizeof *v);

@@ -321,7 +321,7 @@ T_CASE(evidence_is_near_that_of_the_dense_matrix)
 
 /* ---- whole frames -------------------------------------------------------------------------------*/
 
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     static const unsigned threads[] = {1, 2, 5};
     float *first = NULL;

@@ -182,7 +182,6 @@ static double taken(const rec_room *r, int channel)
  * edges between points. */
 T_CASE(no_light_is_lost)
 {
-    T_NOT_UNDER_TSAN();
     float *v = noise(&box10, 3);
     double sent[3] = {0};
     struct rec_grid wide = box10;
@@ -404,7 +403,6 @@ T_CASE(any_box)
 /* 1024 times the room with the same emission per metre: 1024 times the light everywhere. */
 T_CASE(all_scales_with_the_box)
 {
-    T_NOT_UNDER_TSAN();
     enum { W = 40, H = 30, N = W * H * 3 };
     float image[2][N];
     for (int k = 0; k < 2; k++) {
@@ -431,7 +429,7 @@ T_CASE(all_scales_with_the_box)
         T_NEAR(1024 * image[0][i], image[1][i], 1e-5 * most);
 }
 
-T_CASE(threads_give_the_same_bits)
+T_CASE_OF_THREADS(threads_give_the_same_bits)
 {
     enum { W = 50, H = 41 };
     struct rec_grid g = box10;
@@ -461,7 +459,6 @@ T_CASE(threads_give_the_same_bits)
 /* What is no emission is dark, and what is too much for a float is the largest. */
 T_CASE(nothing_but_numbers_gets_out)
 {
-    T_NOT_UNDER_TSAN();
     enum { W = 32, H = 24, N = W * H * 3 };
     struct rec_grid g = box10;
     float *v = noise(&g, 3), *clean = zeros(&g, 3), a[N], b[N];

@@ -41,7 +41,6 @@ T_CASE(they_are_worth_more_than_nothing)
 {
     struct scene s;
     double error[3];
-    T_NOT_UNDER_TSAN();
     scene_new(&s, 8, 80, 24, 2, 2);
     scene_at(&s, 0.3);
     for (int k = 0; k < 3; k++) { /* all of it, left out, at least */
@@ -66,7 +65,6 @@ T_CASE(the_minimiser_is_that_of_the_one_sided_problem)
 {
     struct scene s;
     struct rec_solve_params p = rec_solve_defaults;
-    T_NOT_UNDER_TSAN();
     scene_new(&s, 5, 40, 16, 1, 2);
     scene_at(&s, 0.3);
     rec_frame *f = slot(&s, true, 0.3);
@@ -121,7 +119,7 @@ T_CASE(the_minimiser_is_that_of_the_one_sided_problem)
 }
 
 /* The objective falls with every iteration that is allowed, though rows come and go. */
-T_CASE(never_rises_and_does_not_depend_on_threads)
+T_CASE_OF_THREADS(never_rises_and_does_not_depend_on_threads)
 {
     float *kept = NULL;
     int32_t n = 0;

@@ -145,7 +145,7 @@ T_CASE(one_channel_is_a_lane_of_three)
     system_free(&y3);
 }
 
-T_CASE(stop_rules)
+T_CASE_OF_THREADS(stop_rules)
 {
     struct system y;
     system_new(&y, &sc, 3, 0.45, PVX_CPU_BEST);
@@ -550,7 +550,7 @@ static void noisy_pictures(struct system *y, const struct scene *s)
         y->w[i] = i % 7 == 0 ? 0 : i % 5 == 0 ? 0.25f : 1;
 }
 
-T_CASE(methods_are_their_formulas)
+T_CASE_OF_THREADS(methods_are_their_formulas)
 {
     struct system y;
     for (int nch = 1; nch <= 3; nch += 2) {
@@ -839,7 +839,7 @@ static void late(void *ctx, uint32_t k, const float *x, double objective, double
         t->p->deadline_ns = pvx_now_mono() - 1;
     }
 }
-T_CASE(deadline_gives_what_there_is)
+T_CASE_OF_THREADS(deadline_gives_what_there_is)
 {
     struct system y;
     system_new(&y, &sc, 3, 0.45, PVX_CPU_BEST);

@@ -170,7 +170,7 @@ static void any(const struct scene *s, int trials)
         bed_free(&b);
     }
 }
-T_CASE(any_restriction)
+T_CASE_OF_THREADS(any_restriction)
 {
     any(&sc, 20);
 }
@@ -178,7 +178,7 @@ T_CASE(any_restriction_of_odd_images)
 {
     any(&odd, 20);
 }
-T_CASE(any_restriction_in_slabs)
+T_CASE_OF_THREADS(any_restriction_in_slabs)
 {
     T_OK(large.S->win.n_more > 1000);
     any(&large, 3);
@@ -339,7 +339,7 @@ static void products_of(const struct scene *s, int trials)
             bed_free(&b);
         }
 }
-T_CASE(forward_and_adjoint_agree)
+T_CASE_OF_THREADS(forward_and_adjoint_agree)
 {
     products_of(&sc, 5);
 }
@@ -387,7 +387,7 @@ static void some_cameras(const struct scene *s, double density)
         bed_free(&b);
     }
 }
-T_CASE(products_of_some_cameras)
+T_CASE_OF_THREADS(products_of_some_cameras)
 {
     some_cameras(&large, 0.1);
     some_cameras(&odd, 0.6);
@@ -437,7 +437,7 @@ T_CASE(one_column)
 }
 
 /* Slabs are as many as the columns say. */
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     static const unsigned threads[] = {1, 2, 5};
     for (int cs = 1; cs <= 4; cs += 3)

@@ -210,7 +210,7 @@ T_CASE(behind_bodies_and_cameras)
     bed_free(&b);
 }
 
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     struct bed b = bed_new(75, REC_TRILINEAR, 2, (int32_t[3]){40, 33, 37});
     bed_build(&b);
@@ -304,7 +304,6 @@ static struct held hold_voxels(enum rec_basis basis, bool in_the_way)
  * of its voxels is in it. */
 T_CASE(bricks_hold_their_voxels_and_little_more)
 {
-    T_NOT_UNDER_TSAN();
     for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
         struct held h = hold_voxels((enum rec_basis)basis, false);
         T_EQ_I(h.wrong, 0);
@@ -331,7 +330,6 @@ static size_t resident(const void *p, size_t bytes)
 
 T_CASE(the_rest_has_no_memory)
 {
-    T_NOT_UNDER_TSAN();
     struct bed b = bed_new(75, REC_BOX, 1, (int32_t[3]){128, 128, 96});
     T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, b.pool, (struct rec_progress){0}, &b.outline, NULL),
            PVX_OK);
@@ -378,7 +376,6 @@ static double all_resident(const rec_sysmat *m)
 
 T_CASE(an_estimate_is_what_it_becomes)
 {
-    T_NOT_UNDER_TSAN();
     struct bed b = bed_new(170, REC_TRILINEAR, 2, odd);
     struct rec_active_estimate all, share;
     const struct rec_progress quiet = {0};
@@ -406,7 +403,6 @@ T_CASE(an_estimate_is_what_it_becomes)
 /* Few rows of a large picture see it. */
 T_CASE(a_small_flame_is_not_missed)
 {
-    T_NOT_UNDER_TSAN();
     struct bed b = bed_new(300, REC_BOX, 1, odd);
     struct rec_active_estimate e;
     struct pvx_diag d = {""};
@@ -431,7 +427,7 @@ static bool stop_at_half(void *ctx, double done)
     return done < 0.5;
 }
 
-T_CASE(a_stop_leaves_nothing)
+T_CASE_OF_THREADS(a_stop_leaves_nothing)
 {
     struct bed b = bed_new(75, REC_BOX, 1, odd);
     struct pvx_diag d = {""};
@@ -521,7 +517,7 @@ T_CASE(an_outline_is_stopped)
     scene_free(&s);
 }
 
-T_CASE(volumes_are_those_of_the_whole)
+T_CASE_OF_THREADS(volumes_are_those_of_the_whole)
 {
     struct scene s;
     struct rec_sysmat_params p = {1, 2};

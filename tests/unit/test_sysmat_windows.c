@@ -221,7 +221,7 @@ T_CASE(leaning_columns)
     bed_free(&b);
 }
 
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     struct bed b;
     bed_new(&b, 5, &large, 1);

@@ -42,7 +42,7 @@ static void flow_between(unsigned threads, int32_t n, float u[3])
     pvx_pool_free(&pool);
 }
 
-T_CASE(flow_follows_a_ball)
+T_CASE_OF_THREADS(flow_follows_a_ball)
 {
     for (int by = 0; by <= 4; by += 2) {
         float u[3], again[3];
@@ -290,8 +290,9 @@ static void same_bits(enum pixels px)
     scene_free(&s[1]);
 }
 
-T_CASE(same_bits_for_any_number_of_threads)
+T_CASE_OF_THREADS(same_bits_for_any_number_of_threads)
 {
     for (enum pixels px = COLOURS; px <= GREY; px++)
-        same_bits(px);
+        if (!T_TSAN || px == BAYER) /* three channels of one */
+            same_bits(px);
 }

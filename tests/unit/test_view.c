@@ -102,7 +102,7 @@ T_CASE(traces_only_for_new_light)
     rec_rig_fini(&rig);
 }
 
-T_CASE(threads_give_the_same_bits)
+T_CASE_OF_THREADS(threads_give_the_same_bits)
 {
     struct rec_rig rig;
     rec_view *v;
