@@ -16,6 +16,8 @@ static void once(void)
 {
     /* Their owners close files.  At exit, libhdf5 would try again to write what could not be written. */
     H5dont_atexit();
+    /* A file has its own data: no link of it leads into another. */
+    H5Lunregister(H5L_TYPE_EXTERNAL);
 }
 
 void take_h5_init(void)

@@ -55,7 +55,9 @@ bool take_h5_get_attr(hid_t at, const char *name, hid_t type, size_t file_size, 
 bool take_h5_get_int(hid_t at, const char *name, int64_t *out);
 /* A string of fixed length, from an attribute or (is_dataset) a dataset; owner: caller, free().  NULL = none. */
 char *take_h5_get_text(hid_t at, const char *name, bool is_dataset);
-/* Opens the dataset of this name, if it has this element type and shape (dims[0] is not compared; *n = the
+/* Whether the data of a dataset lie in its file.  Others are named in it: any file that can be read. */
+bool take_h5_is_inside(hid_t set);
+/* Opens the dataset of this name, if it is inside and has this element type and shape (dims[0] is not compared; *n = the
  * dataset's).  -1 = there is none such. */
 hid_t take_h5_open_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *dims,
                          uint64_t *n);

@@ -186,6 +186,14 @@ char *take_h5_get_text(hid_t at, const char *name, bool is_dataset)
     return out;
 }
 
+bool take_h5_is_inside(hid_t set)
+{
+    hid_t p = H5Dget_create_plist(set);
+    bool inside = H5Pget_layout(p) != H5D_VIRTUAL && H5Pget_external_count(p) <= 0;
+    H5Pclose(p);
+    return inside;
+}
+
 hid_t take_h5_open_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *dims,
                          uint64_t *n)
 {
@@ -197,7 +205,7 @@ hid_t take_h5_open_table(hid_t at, const char *name, hid_t type, int rank, const
         return -1;
     hid_t t = H5Dget_type(set), space = H5Dget_space(set);
     bool ok = H5Tequal(t, type) > 0 && H5Sget_simple_extent_ndims(space) == rank &&
-              H5Sget_simple_extent_dims(space, have, NULL) == rank;
+              H5Sget_simple_extent_dims(space, have, NULL) == rank && take_h5_is_inside(set);
     for (int i = 1; i < rank && ok; i++)
         ok = have[i] == dims[i];
     H5Sclose(space);

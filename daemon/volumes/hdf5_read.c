@@ -81,8 +81,8 @@ bool vol_hdf5_filtered(hid_t file)
            (about.hdr.mesg.present >> FILTERS & 1) != 0;
 }
 
-/* Whether its data lie in this file, and whether its chunks are those of the recorder. */
-static bool look_at_layout(struct in *r)
+/* Whether its chunks are those of the recorder. */
+static void look_at_layout(struct in *r)
 {
     hsize_t side[VOL_RANK] = {0};
     hid_t p = H5Dget_create_plist(r->emission);
@@ -92,7 +92,6 @@ static bool look_at_layout(struct in *r)
                  side[0] == 1 && side[1] == r->t.side[2] && side[2] == r->t.side[1] &&
                  side[3] == r->t.side[0] && side[4] == r->start.grid.channels;
     H5Pclose(p);
-    return layout != H5D_VIRTUAL;
 }
 
 /* The number of a filter of /emission that this HDF5 lacks, or -1.  Programs bring their own, as h5py its lzf. */
@@ -140,7 +139,9 @@ static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struc
                         "%s: is compressed by HDF5 filter %d, which this program lacks; write it "
                         "anew with gzip or without compression",
                         r->path, lacks);
-    return look_at_layout(r) ? PVX_OK : hdf5_read_wrong(r, d, "emission is in other files");
+    look_at_layout(r);
+    return take_h5_is_inside(r->emission) ? PVX_OK
+                                          : hdf5_read_wrong(r, d, "emission is in other files");
 }
 
 static pvx_err hdf5_read_read_head(struct in *r, uint64_t bytes, bool *closed, struct pvx_diag *d)

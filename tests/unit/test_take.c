@@ -696,6 +696,25 @@ static void replace(hid_t f, const char *name, hid_t type, int rank, const hsize
     H5Sclose(space);
 }
 
+/* Frames that are the bytes of any other file. */
+static void frames_elsewhere(hid_t f)
+{
+    hid_t s = H5Dopen2(f, "cameras/cam0/frames", H5P_DEFAULT), space = H5Dget_space(s);
+    hid_t t = H5Dget_type(s), p = H5Pcreate(H5P_DATASET_CREATE);
+    hsize_t n[4] = {0};
+    H5Dclose(s);
+    H5Ldelete(f, "cameras/cam0/frames", H5P_DEFAULT);
+    H5Pset_external(p, "/etc/services", 0, H5F_UNLIMITED);
+    int rank = H5Sget_simple_extent_dims(space, n, NULL);
+    H5Sset_extent_simple(space, rank, n, NULL);
+    s = H5Dcreate2(f, "cameras/cam0/frames", t, space, H5P_DEFAULT, p, H5P_DEFAULT);
+    T_OK(s >= 0);
+    H5Dclose(s);
+    H5Pclose(p);
+    H5Tclose(t);
+    H5Sclose(space);
+}
+
 static const hsize_t small[4] = {3, 8, 8, 3}, huge[4] = {1ull << 40, 8, 8, 3};
 static void huge_gaps(hid_t f)
 {
@@ -765,6 +784,7 @@ T_CASE(wrong_contents_are_refused)
     with_change(unknown_format, "pixel format");
     with_change(camera_is_a_link, "list of cameras");
     with_change(camera_missing, "name");
+    with_change(frames_elsewhere, "a camera's frames");
 }
 
 static void pixels_changed(hid_t f)

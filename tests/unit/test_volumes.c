@@ -404,6 +404,44 @@ static void spoil(const char *path, float v)
     H5Fclose(f);
 }
 
+static hid_t no_link(const char *name, hid_t group, const void *to, size_t size, hid_t how,
+                     hid_t open)
+{
+    (void)name, (void)group, (void)to, (void)size, (void)how, (void)open;
+    return -1;
+}
+
+/* Puts in place of the data those of another file: by a link, or of a file of any kind. */
+static void lie_elsewhere(const char *path, const char *other, bool link)
+{
+    hsize_t n[5] = {0};
+    hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT), s = H5Dopen2(f, "emission", H5P_DEFAULT);
+    hid_t space = H5Dget_space(s), p = H5Pcreate(H5P_DATASET_CREATE);
+    H5Sget_simple_extent_dims(space, n, NULL);
+    H5Sclose(space);
+    H5Dclose(s);
+    H5Ldelete(f, "emission", H5P_DEFAULT);
+    space = H5Screate_simple(5, n, NULL);
+    H5Pset_external(p, other, 0, H5F_UNLIMITED);
+    if (link) { /* our programs do not know such links */
+        static const H5L_class_t is = {
+            .version = H5L_LINK_CLASS_T_VERS, .id = H5L_TYPE_EXTERNAL, .trav_func = no_link};
+        char to[4200] = "";
+        size_t size = (size_t)snprintf(to + 1, sizeof to - 1, "%s%c/emission", other, 0) + 2;
+        T_OK(H5Lregister(&is) >= 0);
+        T_OK(H5Lcreate_ud(f, "emission", H5L_TYPE_EXTERNAL, to, size, H5P_DEFAULT, H5P_DEFAULT) >=
+             0);
+        T_OK(H5Lunregister(H5L_TYPE_EXTERNAL) >= 0);
+    } else {
+        s = H5Dcreate2(f, "emission", H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT);
+        T_OK(s >= 0);
+        H5Dclose(s);
+    }
+    H5Pclose(p);
+    H5Sclose(space);
+    H5Fclose(f);
+}
+
 T_CASE(what_is_wrong_is_refused)
 {
     struct pvp_start s = volumes_start(24, 24, 24, 3);
@@ -426,6 +464,15 @@ T_CASE(what_is_wrong_is_refused)
         d.text[0] = '\0';
         T_EQ_I(vol_reader_get(r, 0, &v, &d), PVX_ECORRUPT);
         T_EQ_I(vol_reader_get(r, 1, &v, NULL), PVX_OK);
+        vol_reader_close(&r);
+    }
+    for (int link = 0; link < 2; link++) {
+        copy(at("v.h5"), at("away.h5"), -1);
+        lie_elsewhere(at("away.h5"), at("v.h5"), link);
+        d.text[0] = '\0';
+        T_OK(vol_reader_open(at("away.h5"), &r, &d) != PVX_OK);
+        T_OK(r == NULL);
+        T_CONTAINS(d.text, link ? "no emission" : "emission is in other files");
         vol_reader_close(&r);
     }
     T_EQ_I(vol_reader_open(at("nothing"), &r, NULL), PVX_ENOENT);
