@@ -27,8 +27,6 @@
 #include "recon/frame/inside.h"
 #include "recon/check/meant.h"
 
-#define LOOKED 3 /* sets of each kind in which a mistake in the rig is looked for, at most */
-
 struct job {
     const struct reconstruct_options *o;
     struct rec_rig rig;
@@ -50,7 +48,8 @@ struct job {
     size_t sets;                    /* received so far */
     struct reconstruct_hints hints; /* of the volumes written */
     bool said_lit;                  /* the warning that nearly all is lit was printed */
-    int looked[2]; /* sets in which a mistake in the rig was looked for: cameras disagree, agree */
+    size_t agree, disagree;         /* sets with light whose cameras agree by the vote or do not */
+    bool said_meant;                /* the mistake in the rig was named */
     struct dmn_votes votes;
     bool failed;   /* a set failed, but the others went on */
     pvx_err error; /* the error that ended the work */
@@ -133,8 +132,8 @@ static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 
-/* Of the first sets whose cameras agree by the vote, and the first whose cameras do not: the mistake in the rig that
- * explains silhouettes better, said once. */
+/* The mistake in the rig that explains silhouettes better, said once.  Sets 1, 2, 4, 8 .. of those whose cameras agree
+ * by the vote are looked at, and of the others: a flame that moves tells more. */
 static pvx_err say_meant(struct job *j, const struct dmn_slot *s)
 {
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
@@ -142,22 +141,21 @@ static pvx_err say_meant(struct job *j, const struct dmn_slot *s)
     char text[REC_MEANT_TEXT];
     bool agree =
         r->vote.state != REC_VOTE_TORN && r->vote.out == 0 && r->hull.inside + r->hull.partial > 0;
-    int *looked = &j->looked[agree];
-    if (j->o->no_hull || *looked == LOOKED)
+    size_t *seen = agree ? &j->agree : &j->disagree;
+    if (j->o->no_hull || j->said_meant)
         return PVX_OK;
     size_t light = 0;
     for (size_t c = 0; c < j->rig.n_cameras; c++) {
         lit[c] = reconstruct_has(s, c) ? rec_frame_lit(s->frame, c) : NULL;
         light += lit[c] != NULL && memchr(lit[c], 1, j->S->row0[c + 1] - j->S->row0[c]) != NULL;
     }
-    if (light < 2)
+    *seen += light > 1;
+    if (light < 2 || (*seen & (*seen - 1)) != 0)
         return PVX_OK;
     PVX_TRY(rec_rig_meant(&j->rig, j->S->binning, lit, text));
-    ++*looked;
-    if (text[0] != '\0') {
-        j->looked[0] = j->looked[1] = LOOKED;
+    j->said_meant = text[0] != '\0';
+    if (j->said_meant)
         fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)s->set, text);
-    }
     return PVX_OK;
 }
 
