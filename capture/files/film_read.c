@@ -367,6 +367,13 @@ static pvx_err film_check_frame(struct film *f, struct pvx_diag *d)
                         "square, or the camera is calibrated with such films, write it again: "
                         "ffmpeg -i IN -vf setsar=1 -c:v ffv1 OUT.mkv",
                         f->path, shape.num, shape.den);
+    if (f->codec->codec_id == AV_CODEC_ID_RAWVIDEO && f->stream->codecpar->codec_tag == 0 &&
+        f->frame->format == AV_PIX_FMT_RGB555LE)
+        return film_refuse(f,
+                           "uncompressed, of 16 bits in a pixel: AVI means 5 bits of each colour, "
+                           "but programs write grey of 16 bits so, too; save it as TIFF or PNG "
+                           "pictures, or as Matroska with FFV1",
+                           d);
     if (film_is_stereo(f))
         return film_refuse(f, "two views in one frame (stereo 3D); take them apart with ffmpeg", d);
     return PVX_OK;

@@ -325,6 +325,7 @@ T_CASE(refused_by_name)
         {"a.mkv", "-c:v ffv1 -map 0:v -map 0:v", "2 videos"},
         {"a.mp4", "-c:v mjpeg -map 0:v -disposition:v:0 attached_pic", "only a cover picture"},
         {"a.nut", "-c:v ffv1", "films are MP4"},
+        {"a.avi", "-c:v rawvideo -pix_fmt gray16le", "grey of 16 bits so, too"},
     };
     for (size_t i = 0; i < sizeof k / sizeof *k; i++) {
         struct pvx_diag d = {""};
