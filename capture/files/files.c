@@ -8,6 +8,7 @@
  * of another with the wrong frames.  The time line counts periods of `fps`.  A film's frame is a remainder away. */
 #include <math.h>
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,6 +29,8 @@ static struct {
     pthread_mutex_t lock;
     unsigned users;
     int64_t first, last; /* numbers of one turn, all cameras */
+    int64_t begin;       /* number of the first file of stacks; -1: not known */
+    char stack[400];     /* which is: */
     bool known, fixed;   /* a camera has registered; fixed because a camera is in turn 2 */
     bool running;
     int64_t origin; /* the number that is due at: */
@@ -50,17 +53,46 @@ struct files {
 
 /* ---- the common time line --------------------------------------------------------------------- */
 
-static void line_join(int64_t first, int64_t last)
+/* Whether the camera's frames can be of one recording with those of the others: as pairs.c judges it. */
+static pvx_err line_check(const struct cap_reel *r, int64_t first, int64_t last, struct pvx_diag *d)
+{
+    bool film = r->kind == CAP_REEL_FILM;
+    if (line.known && (first > line.last || last < line.first))
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: its frames have the numbers %lld to %lld%s, those of the other "
+                        "cameras %lld to %lld: none is of one instant; %s",
+                        r->path[0], (long long)first, (long long)last,
+                        film ? " (periods since the film's zero)" : "", (long long)line.first,
+                        (long long)line.last,
+                        film ? "their clocks must have one zero" : "rename the files");
+    if (r->kind != CAP_REEL_PAGES || r->files < 2 || r->begin < 0)
+        return PVX_OK;
+    if (line.begin >= 0 && line.begin != r->begin)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s is the first file, and %s that of another camera: their numbers "
+                        "should be the same; is a file missing before one of them?",
+                        r->path[0], line.stack);
+    line.begin = r->begin;
+    snprintf(line.stack, sizeof line.stack, "%s", r->path[0]);
+    return PVX_OK;
+}
+
+static pvx_err line_join(const struct cap_reel *r, int64_t first, int64_t last, struct pvx_diag *d)
 {
     pthread_mutex_lock(&line.lock);
-    if (line.users++ == 0)
+    if (line.users == 0) {
         line.known = line.fixed = line.running = false;
-    if (!line.fixed) {
+        line.begin = -1;
+    }
+    pvx_err e = line_check(r, first, last, d);
+    line.users += e == PVX_OK;
+    if (e == PVX_OK && !line.fixed) {
         line.first = line.known && line.first < first ? line.first : first;
         line.last = line.known && line.last > last ? line.last : last;
         line.known = true;
     }
     pthread_mutex_unlock(&line.lock);
+    return e;
 }
 
 static void line_leave(void)
@@ -361,11 +393,11 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
     cap_source *base = &s->base;
     if (e == PVX_OK) {
         int64_t more, first = files_number(s, 0, &more);
-        line_join(first, files_number(s, s->reel.n - 1, &more));
-        s->joined = true;
-    } else {
-        files_close(&base);
+        e = line_join(&s->reel, first, files_number(s, s->reel.n - 1, &more), d);
+        s->joined = e == PVX_OK;
     }
+    if (e != PVX_OK)
+        files_close(&base);
     *out = base;
     return e;
 }

@@ -415,6 +415,74 @@ T_CASE(a_film_with_lost_frames)
     scratch_remove();
 }
 
+/* A TIFF file of two grey pages. */
+static void write_stack(const char *path)
+{
+    enum { TAGS = 9, PAGE = 2 + 12 * TAGS + 4, PIXELS = 8 + 2 * PAGE };
+    uint8_t file[PIXELS + W * H] = {'I', 'I', 42, 0, 8};
+    for (uint32_t p = 0; p < 2; p++) {
+        const uint32_t tag[TAGS][2] = {{256, W},      {257, H}, {258, 8}, {259, 1},    {262, 1},
+                                       {273, PIXELS}, {277, 1}, {278, H}, {279, W * H}};
+        uint8_t *at = file + 8 + p * PAGE;
+        const uint32_t next = p == 0 ? 8 + PAGE : 0;
+        *at = TAGS;
+        for (int i = 0; i < TAGS; i++) {
+            uint8_t *t = at + 2 + 12 * i;
+            t[0] = (uint8_t)tag[i][0];
+            t[1] = 1;
+            t[2] = 3; /* one SHORT */
+            t[4] = 1;
+            t[8] = (uint8_t)tag[i][1];
+            t[9] = (uint8_t)(tag[i][1] >> 8);
+        }
+        at[PAGE - 4] = (uint8_t)next;
+    }
+    FILE *f = fopen(path, "wb");
+    T_OK(f != NULL && fwrite(file, sizeof file, 1, f) == 1);
+    if (f != NULL)
+        fclose(f);
+}
+
+/* Opens cameras of these names below the folder; `says`: the error of one of them. */
+static void opens(const char *a, const char *b, const char *says)
+{
+    struct cap_set *s;
+    cameras(2, true);
+    for (int c = 0; c < 2; c++) {
+        snprintf(r.uri[c], sizeof r.uri[c], "files:%s/%s", dir, c == 0 ? a : b);
+        r.cam[c].width = r.cam[c].height = 0;
+        r.cam[c].fmt = CAP_FMT_NONE;
+    }
+    rig_start(&r);
+    while (next(&s) == PVX_OK)
+        cap_set_release(s);
+    rig_stats(&r);
+    const char *e = r.st.camera[0].error, *f = r.st.camera[1].error; /* whichever is opened last */
+    T_OK((*e == '\0' || *f == '\0') && (*says != '\0' || (*e == '\0' && *f == '\0')));
+    T_CONTAINS(*e != '\0' ? e : f, says);
+    rig_end(&r);
+}
+
+/* Stacks whose first files differ, and numbers that never meet, are refused, as by reconstruct. */
+T_CASE(cameras_begin_together)
+{
+    begin();
+    for (int c = 0; c < 2; c++)
+        for (int k = 1; k <= 2; k++)
+            write_stack(at("cam%d/rec_%d.tif", c, k + c));
+    opens("cam0", "cam1", "is the first file, and");
+    T_EQ_I(rename(at("cam1/rec_3.tif"), at("cam1/rec_1.tif")), 0);
+    opens("cam0", "cam1", "");
+    for (int k = 0; k < 3; k++) {
+        write_image(2, k, "npy", W);
+        write_image(3, k + 10, "npy", W);
+    }
+    opens("cam2", "cam3", "none is of one instant");
+    write_image(3, 2, "npy", W);
+    opens("cam2", "cam3", "");
+    scratch_remove();
+}
+
 int main(int argc, char **argv)
 {
     (void)argc;
