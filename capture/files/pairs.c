@@ -182,10 +182,14 @@ static pvx_err pairs_refuse(const struct pairing *w, size_t c, size_t common, st
             d, PVX_EINVAL,
             "%s: %zu of its %zu frames are within half a frame period (%.4g ms) of "
             "another camera's: its times go from %.4f to %.4f s, those of %s from "
-            "%.4f to %.4f s; their clocks must have one zero",
+            "%.4f to %.4f s; their clocks must have one zero%s",
             w->camera[c], common, r->n, w->step * 0.5e-6, (double)pairs_time(w, c, 0) * 1e-9,
             (double)pairs_time(w, c, r->n - 1) * 1e-9, w->camera[other],
-            (double)pairs_time(w, other, 0) * 1e-9, (double)pairs_time(w, other, o->n - 1) * 1e-9);
+            (double)pairs_time(w, other, 0) * 1e-9, (double)pairs_time(w, other, o->n - 1) * 1e-9,
+            r->kind == CAP_REEL_FILM
+                ? ""
+                : "; if one trigger took all frames, rename the files to count "
+                  "them, and leave out --numbers");
     return pvx_fail(d, PVX_EINVAL,
                     "%s: %zu of its %zu frames have a number that another camera has too: its "
                     "numbers go from %lld to %lld, those of %s from %lld to %lld; if they are "
@@ -229,6 +233,27 @@ static pvx_err pairs_judge(struct pairing *w, struct pvx_diag *d)
                              w->camera[c], common, n));
     }
     return PVX_OK;
+}
+
+/* Say where cameras took as many pictures, without a hole, but one counts from 0 and another from 1. */
+static pvx_err pairs_from_one(const struct pairing *w)
+{
+    const struct cap_reel *zero = NULL, *one = NULL;
+    size_t a = 0, b = 0;
+    for (size_t c = 0; c < w->cameras; c++) {
+        const struct cap_reel *r = &w->reel[c];
+        int64_t first = r->n > 0 && r->kind == CAP_REEL_PICTURES ? r->frame[0].at : -1;
+        if (first < 0 || first > 1 || r->frame[r->n - 1].at != first + (int64_t)r->n - 1)
+            continue;
+        *(first == 0 ? &zero : &one) = r;
+        *(first == 0 ? &a : &b) = c;
+    }
+    return w->times || zero == NULL || one == NULL || zero->n != one->n
+               ? PVX_OK
+               : cap_reel_say(&w->out->said,
+                              "%s counts %zu pictures from 0, %s as many from 1: if they began "
+                              "together, rename one camera's files, else its frames are one late",
+                              w->camera[a], zero->n, w->camera[b]);
 }
 
 /* Pages count from the first file that is there, so cameras with several files must begin with the same one. */
@@ -281,6 +306,7 @@ pvx_err cap_pairs_find(const struct cap_reel *reel, const char *const *camera, s
     struct pairing w = {.reel = reel, .camera = camera, .cameras = cameras, .out = out};
     *out = (struct cap_pairs){0};
     PVX_TRY(pairs_kind(&w, numbers, d));
+    PVX_TRY(pairs_from_one(&w));
     if (!apart)
         PVX_TRY(pairs_stacks(&w, d));
     if (w.times)

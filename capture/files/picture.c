@@ -57,7 +57,9 @@ static pvx_err sizes(struct bytes *b, const char *name, struct cap_picture *out,
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", name, why.text);
     } else {
-        return pvx_fail(d, PVX_EFORMAT, "%s: not a PNG, TIFF or JPEG file, despite its name", name);
+        return pvx_fail(d, PVX_EFORMAT, "%s: %s", name,
+                        b->n == 0 ? "is empty; is it still being written?"
+                                  : "not a PNG, TIFF or JPEG file, despite its name");
     }
     return PVX_OK;
 }

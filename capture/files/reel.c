@@ -183,6 +183,9 @@ static pvx_err reel_open_pictures(struct cap_reel *r, struct cap_sequence *s, st
         return PVX_ENOMEM;
     for (; r->n < s->n; r->n++)
         r->frame[r->n] = (struct cap_reel_frame){s->item[r->n].number, (uint32_t)r->n, 0};
+    while (r->other < r->n && cap_is_jpeg(r->path[r->other]) == cap_is_jpeg(r->path[0]))
+        r->other++;
+    r->other %= r->n > 0 ? r->n : 1;
     if (s->odd > 0)
         PVX_TRY(cap_reel_say(&r->said, "%s and %s are names of two kinds; both are frames",
                              r->path[0], r->path[s->odd]));

@@ -23,7 +23,9 @@ struct cap_reel {
     } * frame;               /* [n] ascending, no two of one number or time */
     int64_t begin;           /* with pages: number of the first file; -1: not known */
     size_t files;
-    char **path;      /* [files] */
+    char **path; /* [files] */
+    size_t
+        other; /* the first JPEG picture where frame 0 is of another type, or the other way; 0: none */
     char *said;       /* what is left out of it, or odd: a sentence on each line; NULL: nothing */
     cap_video *video; /* open at: */
     size_t next;

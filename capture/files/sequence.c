@@ -42,6 +42,12 @@ bool cap_is_image(const char *path)
     return sequence_has_extension(path, ext);
 }
 
+bool cap_is_jpeg(const char *path)
+{
+    static const char *const ext[] = {".jpg", ".jpeg", NULL};
+    return sequence_has_extension(path, ext);
+}
+
 bool cap_is_stack(const char *path)
 {
     static const char *const ext[] = {".tif", ".tiff", NULL};
@@ -298,12 +304,40 @@ static bool sequence_alike(const char *a, const char *b)
     return a == enda && b == endb;
 }
 
+/* The second of the day, where a name ends in a time: 12-00-05-250, 12_00_05.250, 12h00m05s250.  -1: else. */
+static int sequence_second(const char *file)
+{
+    static const int most[] = {60, 60, 24}, weight[] = {1, 60, 3600};
+    const char *end = strrchr(file, '.'), *s;
+    int second = 0;
+    while (end > file && !isdigit((unsigned char)end[-1]))
+        end--;
+    for (s = end; s > file && isdigit((unsigned char)s[-1]);)
+        s--;
+    for (int k = 0; k < 3; k++, s -= 3) {
+        int64_t two =
+            s - file < 3 || strchr("-_.:hms ", s[-1]) == NULL ? NONE : sequence_digits(s - 3, 2);
+        if (two < 0 || two >= most[k])
+            return -1;
+        second += (int)two * weight[k];
+    }
+    return s > file && isdigit((unsigned char)s[-1]) ? -1 : second;
+}
+
 /* Refuse what a number alone does not tell: two files of one number, and names like 12-00-01.050 after 12-00-00.950,
  * where the last run of digits starts again. */
 static pvx_err sequence_check(struct cap_sequence *s, struct pvx_diag *d)
 {
     for (size_t i = 1; i < s->n; i++) {
         const char *a = s->item[i - 1].path, *b = s->item[i].path;
+        int one = sequence_second(last_part(a)), other = sequence_second(last_part(b));
+        if (one >= 0 && other >= 0 && one != other)
+            return pvx_fail(d, PVX_EINVAL,
+                            "%.300s and %.300s: their names end in a time of day, of which the "
+                            "last digits alone would be the frame number; rename the files to the "
+                            "second of the day and these digits in one number, as %d%03lld, and "
+                            "say --numbers ms, us or ns",
+                            a, b, other, (long long)s->item[i].number);
         if (s->item[i].number == s->item[i - 1].number)
             return pvx_fail(d, PVX_EINVAL,
                             "%.300s and %.300s have the same frame number (the last run of digits "

@@ -33,6 +33,8 @@ PVX_MUST_CHECK pvx_err cap_sequence_find(const char *name, struct cap_sequence *
 void cap_sequence_free(struct cap_sequence *s);
 /* By its extension: .npy .png .tif .tiff .jpg .jpeg, in any case. */
 bool cap_is_image(const char *path);
+/* .jpg .jpeg, in any case. */
+bool cap_is_jpeg(const char *path);
 /* .tif .tiff, in any case: such a file may have several pages. */
 bool cap_is_stack(const char *path);
 /* .mp4 .avi .mkv .mov, in any case. */

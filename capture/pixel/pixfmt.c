@@ -20,11 +20,10 @@ static void yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
     }
 }
 
-static enum cap_transfer curve_of(const struct cap_image *img, enum cap_transfer t)
+enum cap_transfer cap_transfer_declared(const struct cap_image *img)
 {
-    if (t != CAP_TRANSFER_AUTO)
-        return t;
-    if (cap_pixfmt_layout(img->fmt) != CAP_LAYOUT_YUV && !(img->yuv & CAP_YUV_CODED))
+    enum cap_layout l = cap_pixfmt_layout(img->fmt);
+    if (l != CAP_LAYOUT_YUV && l != CAP_LAYOUT_JPEG && !(img->yuv & CAP_YUV_CODED))
         return CAP_TRANSFER_LINEAR;
     return img->yuv & CAP_YUV_TRANSFER_709 ? CAP_TRANSFER_BT709 : CAP_TRANSFER_SRGB;
 }
@@ -48,7 +47,9 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
                       int32_t y1, struct cap_pix *j)
 {
     enum cap_layout layout = cap_pixfmt_layout(img->fmt);
-    enum cap_transfer curve = curve_of(img, p->transfer);
+    enum cap_transfer curve = p->transfer;
+    if (curve == CAP_TRANSFER_AUTO)
+        curve = cap_transfer_declared(img);
     if (layout == CAP_LAYOUT_NONE || layout == CAP_LAYOUT_JPEG ||
         (layout == CAP_LAYOUT_F32 && curve != CAP_TRANSFER_LINEAR))
         return PVX_EUNSUP;

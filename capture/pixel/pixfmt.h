@@ -54,6 +54,8 @@ PVX_MUST_CHECK pvx_err cap_convert(const struct cap_image *img, const struct cap
 /* The same with the transfer function that the image declares (AUTO), bilinear interpolation and no maps. */
 PVX_MUST_CHECK pvx_err cap_bin(const struct cap_image *img, int binning, int nch, int32_t y0,
                                int32_t y1, float *out);
+/* The transfer function that stands for AUTO. */
+enum cap_transfer cap_transfer_declared(const struct cap_image *img);
 /* The value of saturated channels; 1 without maps and clip. */
 float cap_saturated(const struct cap_image *img, const struct cap_convert_params *p);
 #endif

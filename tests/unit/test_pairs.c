@@ -75,6 +75,25 @@ T_CASE(numbers_meet_their_equals)
     cap_pairs_free(&p);
 }
 
+/* Programs count from 0 or from 1: frames of one number are then not of one instant. */
+T_CASE(counts_from_zero_and_one)
+{
+    has(0, CAP_REEL_PICTURES, 20, 0, 1);
+    has(1, CAP_REEL_PICTURES, 20, 1, 1);
+    T_EQ_I(pair(2, CAP_NUMBERS_COUNT), PVX_OK);
+    SAYS("cam0 counts 20 pictures from 0, cam1 as many from 1");
+    cap_pairs_free(&p);
+    lose(1, 19); /* the first frame was lost */
+    T_EQ_I(pair(2, CAP_NUMBERS_COUNT), PVX_OK);
+    T_OK(p.said == NULL);
+    cap_pairs_free(&p);
+    has(0, CAP_REEL_PICTURES, 20, 1, 1);
+    has(1, CAP_REEL_PICTURES, 20, 1, 1);
+    T_EQ_I(pair(2, CAP_NUMBERS_COUNT), PVX_OK);
+    T_OK(p.said == NULL);
+    cap_pairs_free(&p);
+}
+
 T_CASE(no_number_in_common_names_the_option)
 {
     has(0, CAP_REEL_PICTURES, 20, 1000000, 50000);
@@ -96,7 +115,7 @@ T_CASE(no_number_in_common_names_the_option)
     SAYS("cam0: only 8 of its 20 frames");
     cap_pairs_free(&p);
     has(1, CAP_REEL_PICTURES, 20, 9000000, 50000); /* a clock with another zero */
-    fails(2, CAP_NUMBERS_US, "their clocks must have one zero");
+    fails(2, CAP_NUMBERS_US, "their clocks must have one zero; if one trigger");
     has(1, CAP_REEL_PICTURES, 2, INT64_MAX - 5, 1);
     fails(2, CAP_NUMBERS_MS, "too large for a time");
 }

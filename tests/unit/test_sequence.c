@@ -160,7 +160,36 @@ T_CASE(other_digits_do_not_contradict)
     scratch_new();
     touch("12-00-00.950.png");
     touch("12-00-01.050.png");
-    fails("", PVX_EINVAL, "12-00-00.950.png: the last run of digits");
+    fails("", PVX_EINVAL, "their names end in a time of day");
+    touch("a12-00-00.png"); /* no time */
+    numbers("/a*.png", "0");
+    scratch_remove();
+    scratch_new();
+    touch("cam0_12-00-05-250.png"); /* in order, by chance */
+    touch("cam0_12-00-06-300.png");
+    fails("", PVX_EINVAL, "as 43206300, and say --numbers ms");
+    scratch_remove();
+    scratch_new();
+    touch("2023-11-02 23h59m58s9.png");
+    touch("2023-11-02 23h59m59s10.png");
+    fails("", PVX_EINVAL, "time of day");
+    scratch_remove();
+    scratch_new();
+    touch("exp01_02_03_0004.png"); /* one second, or none */
+    touch("exp01_02_03_0005.png");
+    numbers("", "4 5");
+    scratch_remove();
+    scratch_new();
+    touch("112-00-05-250.png");
+    touch("112-00-06-300.png");
+    touch("112-61-06-301.png");
+    numbers("", "250 300 301");
+    scratch_remove();
+    scratch_new();
+    touch("1-2-9.png");
+    touch("1-3-8.png");
+    fails("", PVX_EINVAL, "8.png and");
+    T_EQ_I(unlink(at("1-3-8.png")), 0);
     scratch_remove();
 }
 

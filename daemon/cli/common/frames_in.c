@@ -141,6 +141,12 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
         cap_reel_close(&f->reel[c]);
         return PVX_OK;
     }
+    if (e == PVX_OK && f->reel[c].other > 0 && f->how.transfer == CAP_TRANSFER_AUTO)
+        e = pvx_fail(
+            &why, PVX_EINVAL,
+            "camera %s: %s and %s: samples of JPEG files are taken as sRGB, those of other "
+            "types as light; keep one type, or say for all: --transfer srgb or linear",
+            camera, f->reel[c].path[0], f->reel[c].path[f->reel[c].other]);
     for (char *rest = f->reel[c].said, *line;
          e == PVX_OK && (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
         fprintf(stderr, "pyrovox: camera %s: %s\n", camera, line);
@@ -473,6 +479,7 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
 /* What pictures of a camera showed of it. */
 struct frames_in_seen {
     enum cap_pixfmt fmt;     /* NONE: no picture could be read */
+    enum cap_transfer curve; /* of the first picture */
     size_t equal, different; /* pixels whose three samples are alike, and not */
     pvx_err e;               /* of the last one */
 };
@@ -523,6 +530,7 @@ static bool frames_in_note(const struct cap_image *img, struct frames_in_seen *s
     bool words = cap_pixfmt_depth(img->fmt) == 16;
     bool three = cap_pixfmt_channels(img->fmt) == 3 && cap_pixfmt_bayer(img->fmt) == NULL &&
                  (l == CAP_LAYOUT_8 || l == CAP_LAYOUT_16 || l == CAP_LAYOUT_F32);
+    s->curve = s->fmt == CAP_FMT_NONE ? cap_transfer_declared(img) : s->curve;
     s->fmt = s->fmt == CAP_FMT_NONE ? img->fmt : s->fmt;
     if (three)
         frames_in_compare(img, s);
@@ -592,6 +600,31 @@ static pvx_err frames_in_two_kinds(const struct frames_in *f, const struct frame
                     frames_in_names(f, seen, 2, b, sizeof b));
 }
 
+/* Say where a sample of one camera is another light than that of another: sRGB or floats beside linear integers. */
+static void frames_in_say_scales(const struct frames_in *f, const struct frames_in_seen *seen)
+{
+    const char *coded = NULL, *linear = NULL, *floats = NULL, *whole = NULL;
+    for (size_t c = 0; c < f->rig->n_cameras; c++) {
+        const char *name = f->rig->cameras[c].name;
+        if (seen[c].fmt == CAP_FMT_NONE)
+            continue;
+        *(seen[c].curve == CAP_TRANSFER_LINEAR ? &linear : &coded) = name;
+        *(cap_pixfmt_layout(seen[c].fmt) == CAP_LAYOUT_F32 ? &floats : &whole) = name;
+    }
+    if (coded != NULL && linear != NULL && f->how.transfer == CAP_TRANSFER_AUTO)
+        fprintf(stderr,
+                "pyrovox: %s: samples of %s are decoded (JPEG, and films that name a transfer "
+                "function), those of %s are taken as light; if all cameras code alike, say "
+                "--transfer srgb or linear\n",
+                f->dir, coded, linear);
+    if (floats != NULL && whole != NULL)
+        fprintf(
+            stderr,
+            "pyrovox: %s: samples of %s are floats, taken as they are, those of %s are integers, "
+            "where 1.0 is full scale; they must have one unit\n",
+            f->dir, floats, whole);
+}
+
 /* Set the number of channels, from pictures of all cameras. */
 static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
 {
@@ -622,6 +655,7 @@ static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
                             "pictures of %s",
                             f->black, cap_pixfmt_name(fmt), f->rig->cameras[c].name);
     }
+    frames_in_say_scales(f, seen);
     if (!has[1] && !has[2] && !has[3])
         return bad == REC_MAX_CAMERAS ? PVX_ECANCELED
                                       : pvx_fail(d, seen[bad].e, "%s", f->why[bad].text);
