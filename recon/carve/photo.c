@@ -22,6 +22,7 @@ struct rec_photo_work *rec_photo_work_new(int32_t bw, int32_t bh)
     w->band = (struct rec_photo_band *)(w + 1);
     w->raw = (uint8_t *)w->band + bands;
     w->clean = w->raw + n;
+    rec_clipped_table(w->inverse);
     return w;
 }
 
@@ -95,8 +96,10 @@ static void levels(void *ctx, size_t task)
     int32_t band;
     if (task < 3 * j->n) {
         const struct rec_photo_image *im = &j->im[task / 3];
-        if (!im->absent && (int)(task % 3) < im->nch)
+        if (!im->absent && (int)(task % 3) < im->nch) {
             j->pass->noise(im, (int32_t)(task % 3));
+            rec_clipped_find(im, (int)(task % 3));
+        }
         return;
     }
     const struct rec_photo_image *im = task_image(j, task - 3 * j->n, &band);
@@ -170,6 +173,14 @@ static void photo_widen(void *ctx, size_t task)
         j->pass->widen(im, band);
 }
 
+static bool is_clipped(const struct rec_photo_image *im)
+{
+    bool is = false;
+    for (int c = 0; c < im->nch && !im->absent; c++)
+        is |= im->work->clipped[c].is;
+    return is;
+}
+
 static void photo_finish(void *ctx, size_t task)
 {
     const struct job *j = ctx;
@@ -212,6 +223,17 @@ static void photo_grow(void *ctx, size_t task)
     im->work->band[band].lit = lit;
 }
 
+static void photo_mend(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band, y0, y1;
+    const struct rec_photo_image *im = task_image(j, task, &band);
+    if (im == NULL || !is_clipped(im))
+        return;
+    rec_band_rows(band, im->bh, &y0, &y1);
+    rec_clipped_mend(im, y0, y1);
+}
+
 static void photo_report(const struct rec_photo_image *im)
 {
     const struct rec_photo_work *w = im->work;
@@ -226,6 +248,8 @@ static void photo_report(const struct rec_photo_image *im)
     for (int c = 0; c < im->nch; c++) {
         im->stats->sigma[c] = w->sigma[c];
         im->stats->threshold = fmaxf(im->stats->threshold, w->limit[c]);
+        im->stats->cut = fmaxf(im->stats->cut, (float)w->clipped[c].share);
+        im->stats->pedestal = fmaxf(im->stats->pedestal, (float)w->clipped[c].pedestal);
     }
 }
 
@@ -233,7 +257,7 @@ void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
 {
     struct rec_photo_passes pass;
     struct job j = {.im = im, .n = n, .pass = &pass};
-    bool noisy = false, margin = false;
+    bool noisy = false, margin = false, clipped = false;
     rec_photo_passes_init(&pass, pvx_cpu());
     for (size_t c = 0; c < n; c++) {
         rec_bands_add(&j.bands, im[c].bh);
@@ -252,12 +276,15 @@ void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
     for (size_t c = 0; c < n; c++) {
         im[c].work->noisy = !im[c].absent && is_noisy(&im[c]);
         noisy |= im[c].work->noisy;
+        clipped |= is_clipped(&im[c]);
     }
     if (noisy)
         pvx_pool_run(pool, bands, photo_widen, &j);
     pvx_pool_run(pool, bands, photo_finish, &j);
     if (margin)
         pvx_pool_run(pool, bands, photo_grow, &j);
+    if (clipped)
+        pvx_pool_run(pool, bands, photo_mend, &j);
     for (size_t c = 0; c < n; c++)
         photo_report(&im[c]);
 }

@@ -13,6 +13,9 @@
  * carve the flame's outskirts away.  A uniform offset is NOT estimated, because it looks like an evenly lit image;
  * black and background are for that.
  * b beyond REC_PHOTO_LIMIT counts as not finite.
+ * Blacks that are clipped at 0 keep the upper half of the dark's noise, light that was not there.  If `binning` is
+ * known, it is found in the dark and taken out of b, and sigma is that of the whole noise (clipped.h).  Silhouettes are
+ * judged before.  Pictures that are not clipped keep every bit.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
  * threshold is automatic; margin then grows the silhouette.
  * A mosaic (Bayer pixels as they are) has one channel per bin, that of its filter; the others are NaN in the
@@ -75,6 +78,8 @@ struct rec_photo_stats {
     uint32_t lit, saturated, not_finite;
     float sigma[3];  /* noise of b per channel, full-scale units */
     float threshold; /* used */
+    float cut;       /* share of the dark's noise that is clipped at black; 0: none */
+    float pedestal;  /* that the camera lacks for it, in units of a sample's full scale */
 };
 
 /* Work area of a picture of this size, free with free(); NULL: out of memory. */
@@ -85,8 +90,9 @@ struct rec_photo_image {
     bool absent; /* no picture: img, weight and lit become 0 */
     float *img;  /* [bh][bw][cs] in: binned pixels, out: b */
     int32_t bw, bh;
-    int nch;       /* 1 or 3 */
-    int32_t bayer; /* binning of channels made from Bayer pixels, 1 = interpolated; 0: others */
+    int nch;         /* 1 or 3 */
+    int32_t binning; /* a bin is the mean of so many pixels each way; 0: not known */
+    int32_t bayer;   /* binning of channels made from Bayer pixels, 1 = interpolated; 0: others */
     const uint8_t *cell; /* a mosaic: colour (0 1 2) of each bin of the 2x2 bins that repeat, row by
                                 row; nch 3, bw, bh >= 2; or NULL */
     const float *background; /* [bh][bw][cs] or NULL */

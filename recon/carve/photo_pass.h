@@ -7,6 +7,7 @@
 #define REC_PHOTO_PASS_H
 #include "base/cpu.h"
 #include "recon/carve/bands.h"
+#include "recon/carve/clipped.h"
 #include "recon/carve/photo.h"
 #include "recon/carve/photo_mosaic.h"
 
@@ -38,6 +39,8 @@ struct rec_photo_work {
     rec_f4 limit, faint,
         fainter;       /* for a bin and for means over 3x3 and 7x7; lanes without a channel INF */
     bool means, noisy; /* judge means over 3x3; over 7x7 */
+    struct rec_clipped clipped[3];
+    float inverse[REC_CLIPPED_KNOTS];
     struct rec_photo_block block[REC_PHOTO_BLOCKS];
 };
 

@@ -19,6 +19,7 @@ struct rec_unseen {
     struct rec_images images;
     bool present[REC_MAX_CAMERAS], floats;
     double sigma;
+    float cut[REC_MAX_CAMERAS], pedestal[REC_MAX_CAMERAS];
     const float *picture[REC_MAX_CAMERAS]; /* borrowed during load, which copies */
     float *raw, *b, *weight;               /* [rows] */
     uint8_t *lit;
@@ -176,7 +177,10 @@ void rec_unseen_load(rec_unseen *u, const float *const *picture, bool floats)
     memcpy(u->b, rec_frame_rhs(u->frame), u->rows * sizeof *u->b);
     memcpy(u->weight, rec_frame_weight(u->frame), u->rows * sizeof *u->weight);
     memcpy(u->lit, rec_frame_lit(u->frame, 0), u->rows);
-    u->sigma = (double)rec_frame_get_report(u->frame)->sigma;
+    const struct rec_frame_report *r = rec_frame_get_report(u->frame);
+    u->sigma = (double)r->sigma;
+    memcpy(u->cut, r->cut, sizeof u->cut);
+    memcpy(u->pedestal, r->pedestal, sizeof u->pedestal);
 }
 
 bool rec_unseen_present(const rec_unseen *u, size_t camera)
@@ -198,6 +202,11 @@ const uint8_t *rec_unseen_lit(const rec_unseen *u, size_t camera)
 double rec_unseen_sigma(const rec_unseen *u)
 {
     return u->sigma;
+}
+double rec_unseen_cut(const rec_unseen *u, size_t camera, double *pedestal)
+{
+    *pedestal = (double)u->pedestal[camera];
+    return (double)u->cut[camera];
 }
 
 void rec_unseen_absorb(rec_unseen *u, double absorption)

@@ -47,6 +47,8 @@ const float *rec_unseen_b(const rec_unseen *u, size_t camera);
 const float *rec_unseen_weight(const rec_unseen *u, size_t camera);
 const uint8_t *rec_unseen_lit(const rec_unseen *u, size_t camera);
 double rec_unseen_sigma(const rec_unseen *u);
+/* Share of the noise of a camera's dark that is clipped at black; *pedestal: what it lacks (photo.h). */
+double rec_unseen_cut(const rec_unseen *u, size_t camera, double *pedestal);
 
 /* The flame absorbs from the next load or solve on.  Then b is its emission (absorb.h), and so is the result of
  * rec_unseen_project, not what is seen. */

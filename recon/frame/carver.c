@@ -154,6 +154,7 @@ static void photo(rec_frame *f)
         im->img = rec_frame_input(f, c);
         im->cell = rec_frame_is_mosaic(f, c) ? in->cell : NULL;
         im->bayer = rec_frame_is_bayer(f, c) ? f->S->binning : 0;
+        im->binning = f->S->binning;
         im->background = k->background[c];
         im->weight = f->weight + row0;
         im->weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL;
@@ -221,6 +222,8 @@ static void sum_up(rec_frame *f)
     memset(f->shot, 0, sizeof f->shot);
     for (size_t c = 0; c < f->S->n_cameras; c++) {
         r->saturated_in[c] = k->stats[c].saturated;
+        r->cut[c] = f->camera[c].present ? k->stats[c].cut : 0;
+        r->pedestal[c] = f->camera[c].present ? k->stats[c].pedestal : 0;
         if (!f->believed[c])
             continue;
         r->cameras++;

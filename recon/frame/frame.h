@@ -48,6 +48,8 @@ struct rec_frame_report {
     uint32_t saturated, not_finite;         /* bins, all cameras */
     uint32_t saturated_in[REC_MAX_CAMERAS]; /* each camera that is present, believed or not */
     double absorption;                      /* rec_frame_params */
+    float cut[REC_MAX_CAMERAS];             /* share of a dark's noise that is clipped at black, */
+    float pedestal[REC_MAX_CAMERAS];        /* and what the camera lacks (photo.h) */
     float sigma;                            /* noise estimate, mean over cameras and channels */
     struct rec_verdict vote;                /* cameras that are not believed count as absent */
     struct rec_selfcal_report selfcal;

@@ -2,6 +2,7 @@
 #include <stdlib.h>
 
 #include "base/mem.h"
+#include "recon/carve/clipped.h"
 #include "recon/light/parts.h"
 
 #define FAR   8 /* scaled MADs: beyond are 6e-16 of normal deviates, and few of a sensor's tail */
@@ -55,6 +56,7 @@ static void dark_mark(const struct rec_light_picture *p, double level, double *s
     }
     r->level = level;
     r->read = sqrt(var);
+    r->cut = rec_clipped_share(level, r->read, &r->pedestal);
 }
 
 pvx_err rec_light_dark(const struct rec_light_picture *p, float *out, struct rec_dark *r,

@@ -4,6 +4,7 @@
 #include <stdio.h>
 
 #include "daemon/cli/advise/advise.h"
+#include "recon/carve/clipped.h"
 
 static const char doc[] =
     "Measure what the scene of a recording needs, for example\n\n"
@@ -49,6 +50,11 @@ static void advise_say_light(const struct flame_sets *s, const struct advice *a)
            level > ADVISE_LEVEL
                ? "; `pyrovox calibrate dark` or `background` measure it pixel by pixel"
                : "");
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        char text[REC_PHOTO_CUT_TEXT];
+        if (rec_photo_say_cut(a->cut[c], a->pedestal[c], text))
+            printf("%-23s %s: %s\n", "", s->rig.cameras[c].name, text);
+    }
     if (a->lit > 0.9)
         printf("%-23s nearly all pixels count as flame (%.0f %%): correct this first, the rest has "
                "little value before\n",

@@ -49,8 +49,9 @@ struct advice {
     double brightest;      /* measured value, full scale = 1 */
     double saturated, lit; /* share of the flame's bins at full scale; of all bins that are flame */
     double sigma;          /* noise */
-    double level[REC_MAX_CAMERAS]; /* where each camera is darkest */
-    size_t darkest;                /* the camera with the highest level */
+    double level[REC_MAX_CAMERAS];                          /* where each camera is darkest */
+    size_t darkest;                                         /* the camera with the highest level */
+    double cut[REC_MAX_CAMERAS], pedestal[REC_MAX_CAMERAS]; /* rec_photo_say_cut */
     struct advise_body body[REC_MAX_CAMERAS];
     struct rec_absorption absorption;
     struct advise_gain gain;

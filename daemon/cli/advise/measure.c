@@ -46,7 +46,10 @@ static void measure_look(const rec_unseen *u, struct advice *a, double count[3],
             if (w[i] > 0)
                 a->brightest = fmax(a->brightest, (double)b[i]);
         }
+        double pedestal, cut = rec_unseen_cut(u, c, &pedestal);
         a->level[c] += dark_level(u, c, room);
+        a->cut[c] = fmax(a->cut[c], cut);
+        a->pedestal[c] = fmax(a->pedestal[c], pedestal);
     }
 }
 

@@ -6,6 +6,7 @@
 #include "base/mem.h"
 #include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/calibrate/light.h"
+#include "recon/carve/clipped.h"
 
 static const char doc[] =
     "Measure the mean of dark pictures per camera, mark hot and dead pixels, and write both into "
@@ -47,6 +48,9 @@ static pvx_err dark_one(struct calibrate_light *l, size_t c, const struct rec_li
         "%-12s %u pictures: level %.4f, noise of a picture %.5f (full scale = 1), %zu hot and %zu "
         "dead pixels\n",
         k->name, pic->n, r.level, r.read, r.hot, r.dead);
+    if (rec_photo_say_cut(r.cut, r.pedestal, why.text))
+        printf("%-12s %s; then take the darks again: these are too bright by what is cut\n", "",
+               why.text);
     return PVX_OK;
 }
 
