@@ -74,7 +74,8 @@ static bool recording(const cap_recorder *r)
 
 static bool has_camera(const struct item *it, uint32_t c)
 {
-    return it->set != NULL ? it->set->frame[c] != NULL : it->stray->camera == c;
+    return it->set != NULL ? it->set->frame[c] != NULL
+                           : it->stray != NULL && it->stray->camera == c;
 }
 
 /* A frame without a set takes no room from other cameras.  Sets are limited too: sets of a few cameras each could be
