@@ -21,6 +21,7 @@ pvx_err cap_reel_say(char **text, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(line, sizeof line, fmt, args);
     va_end(args);
+    pvx_one_line(line);
     if (asprintf(&all, "%s%s\n", *text != NULL ? *text : "", line) < 0)
         return PVX_ENOMEM;
     free(*text);

@@ -63,6 +63,13 @@ pvx_err pvx_err_from_errno(int errnum)
     }
 }
 
+void pvx_one_line(char *text)
+{
+    for (; *text != '\0'; text++)
+        if ((unsigned char)*text < ' ' || *text == 0x7f)
+            *text = ' ';
+}
+
 pvx_err(pvx_fail)(struct pvx_diag *d, pvx_err e, const char *fmt, ...)
 {
     if (d == NULL || d->text[0] != '\0')
@@ -71,10 +78,7 @@ pvx_err(pvx_fail)(struct pvx_diag *d, pvx_err e, const char *fmt, ...)
     va_start(ap, fmt);
     vsnprintf(d->text, sizeof d->text, fmt, ap);
     va_end(ap);
-    /* quoted input may have line breaks: keep the text one line, so that no log line can be forged */
-    for (char *p = d->text; *p != '\0'; p++)
-        if ((unsigned char)*p < ' ' || *p == 0x7f)
-            *p = ' ';
+    pvx_one_line(d->text);
     return e;
 }
 

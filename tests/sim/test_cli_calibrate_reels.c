@@ -232,6 +232,8 @@ static const char *sentence(const char *what)
     slurp("err");
     /* libpng has its own line before it */
     char *line = strncmp(text, "libpng ", 7) == 0 ? strchr(text, '\n') + 1 : text;
+    while (strncmp(line, "pyrovox: camera ", 16) == 0) /* what is odd about its pictures */
+        line = strchr(line, '\n') + 1;
     T_OK(strncmp(line, "pyrovox: ", 9) == 0);
     T_EQ_I(strchr(line, '\n') - line, (long)strlen(line) - 1); /* one sentence, whatever is in it */
     T_OK(strchr(text, '\x1b') == NULL);

@@ -89,12 +89,14 @@ static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *
         return find_add_reel(l, dir, path, name, d);
     struct pvx_diag why = {""};
     bool film = cap_is_video(name);
-    if (!film && cap_is_image(name) && cap_image_pages(path, &pages, &why) != PVX_OK)
-        fprintf(stderr, "pyrovox: %s\n", why.text);
-    if (cap_is_unknown(name))
-        fprintf(stderr,
-                "pyrovox: %s: no type that is read (" CAP_IMAGES " " CAP_VIDEOS "): left out\n",
-                path);
+    pvx_err e = PVX_OK;
+    if (!film && cap_is_image(name))
+        e = cap_image_pages(path, &pages, &why);
+    else if (cap_is_unknown(name))
+        e = pvx_fail(&why, PVX_EUNSUP,
+                     "%s: no type that is read (" CAP_IMAGES " " CAP_VIDEOS "): left out", path);
+    if (e != PVX_OK)
+        fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&why, e));
     if (!film && pages < 2)
         return PVX_OK;
     snprintf(camera, sizeof camera, "%.*s", (int)(strrchr(name, '.') - name), name);
