@@ -42,8 +42,7 @@ struct rec_clipped {
     double t, slope;  /* (3), never below 0; k of (4) */
     double dark, cut; /* h(t) s; one sample: what (5) puts instead of `level`, relative to it */
     double share;     /* of the dark's samples that are cut; 0: none */
-    double
-        pedestal; /* that would keep the dark REC_CLIPPED_WANTED s above the level, in samples' units */
+    double pedestal;  /* keeps the dark REC_CLIPPED_WANTED s above the level, in samples' units */
 };
 
 /* h^-1 from h(0) to 4, for a work area. */

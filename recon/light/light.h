@@ -31,8 +31,8 @@ struct rec_light_picture {
 struct rec_dark {
     size_t hot, dead;   /* pixels that became NaN */
     double level, read; /* median; read noise of a picture, full scale = 1 */
-    double cut,
-        pedestal; /* rec_photo_say_cut: noise below black, which makes `level` too high and `read` too low */
+    /* Of rec_photo_say_cut: noise below black, which makes `level` too high and `read` too low. */
+    double cut, pedestal;
 };
 /* out = mean, with NaN where the mean or the variance is off the median by more than 8 scaled MADs of all pixels
  * (and by 0.004 of full scale, the resolution of 8-bit darks).  Refused: light in the darks, or fewer than
