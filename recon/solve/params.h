@@ -60,12 +60,10 @@ struct rec_solve_report {
 
 /* What a solve found of the cameras (selfcal.h).  Errors are one sigma, from the scatter over tiles of the picture. */
 struct rec_selfcal_camera {
-    bool known; /* it was estimated */
-    float gain,
-        gain_error; /* factor on the picture; it was applied only if rec_selfcal_report.gain */
-    float shift[2],
-        shift_error
-            [2]; /* 0, 0: not estimated; raw pixels by which the flame lies further right and down than the rig says */
+    bool known;             /* it was estimated */
+    float gain, gain_error; /* factor on the picture, applied only if rec_selfcal_report.gain */
+    /* Raw pixels by which the flame lies further right and down than the rig says; errors 0, 0: not estimated. */
+    float shift[2], shift_error[2];
 };
 struct rec_selfcal_report {
     bool gain, shift; /* these were corrected */

@@ -33,6 +33,7 @@ struct rec_selfcal {
     enum rec_selfcal_mode mode;
     bool any[2];    /* gains, shifts are corrected */
     double test[2]; /* (7) */
+    double size[2]; /* (8) */
     bool estimated;
     double scale; /* of the last estimate */
     size_t cameras;
@@ -121,7 +122,7 @@ void rec_selfcal_begin(rec_selfcal *s, enum rec_selfcal_mode mode)
 {
     s->mode = mode;
     s->any[0] = s->any[1] = false;
-    s->test[0] = s->test[1] = 0;
+    s->test[0] = s->test[1] = s->size[0] = s->size[1] = 0;
     s->estimated = false;
     for (size_t c = 0; c < s->S->n_cameras; c++) {
         s->aim[c].gain = 1;
@@ -323,10 +324,10 @@ static double selfcal_clamp(double v, double most)
     return fmin(fmax(v, -most), most);
 }
 
-/* Gains of mean 1/g = 1; their (7). */
-static double selfcal_gains(rec_selfcal *s)
+/* Gains of mean 1/g = 1; their (7) and (8). */
+static void selfcal_gains(rec_selfcal *s)
 {
-    double mean = 0, n = (double)s->cameras, f = 0, v = 0;
+    double mean = 0, n = (double)s->cameras, f = 0, v = 0, known = 0;
     for (size_t c = 0; c < s->S->n_cameras; c++) {
         s->aim[c].gain *= s->in[c] ? 1 + selfcal_clamp(s->aim[c].step[0], MOST_LOG) : 1;
         mean += s->in[c] ? 1 / s->aim[c].gain / n : 0;
@@ -337,15 +338,17 @@ static double selfcal_gains(rec_selfcal *s)
         s->aim[c].gain *= mean;
         double off = log(s->aim[c].gain);
         f += s->aim[c].gain_var > 0 ? off * off / s->aim[c].gain_var : 0;
+        known += s->aim[c].gain_var > 0 ? 1 / s->aim[c].gain_var : 0;
         v += s->aim[c].freedom[0];
     }
-    return selfcal_deviate(f / (n - 1), n - 1, v);
+    s->test[0] = selfcal_deviate(f / (n - 1), n - 1, v);
+    s->size[0] = known > 0 ? sqrt(f / known) : 0;
 }
 
-/* Shifts without (5); their (7).  scale: selfcal_scale. */
-static double selfcal_shifts(rec_selfcal *s, double scale)
+/* Shifts without (5); their (7) and (8).  scale: selfcal_scale. */
+static void selfcal_shifts(rec_selfcal *s, double scale)
 {
-    double A[4][4] = {{0}}, T[4] = {0}, f = 0, v = 0;
+    double A[4][4] = {{0}}, T[4] = {0}, f = 0, v = 0, known = 0;
     double free = 2 * (double)s->cameras - 3;
     for (size_t c = 0; c < s->S->n_cameras; c++)
         for (int m = 0; m < 2 && s->in[c]; m++) {
@@ -367,9 +370,11 @@ static double selfcal_shifts(rec_selfcal *s, double scale)
         if (!s->in[c] || !isfinite(det) || !(det > 0))
             continue;
         f += (x * x * o->var[2] - 2 * x * y * o->var[1] + y * y * o->var[0]) / det;
+        known += 0.5 * (o->var[0] + o->var[2]) / det;
         v += o->freedom[1];
     }
-    return selfcal_deviate(f / free, free, v);
+    s->test[1] = selfcal_deviate(f / free, free, v);
+    s->size[1] = known > 0 ? scale * sqrt(2 * f / known) : 0;
 }
 
 bool rec_selfcal_estimate(rec_problem *pb, const float *r)
@@ -379,11 +384,13 @@ bool rec_selfcal_estimate(rec_problem *pb, const float *r)
     bool shifts = s->mode == REC_SELFCAL_ON;
     selfcal_mark(s, pb->a);
     pvx_pool_run(pb->a->pool, s->S->n_cameras, selfcal_look, &t);
-    s->test[0] = selfcal_gains(s);
-    s->test[1] = shifts ? selfcal_shifts(s, selfcal_scale(pb)) : 0;
-    for (int i = 0; i < 2; i++)
-        s->any[i] =
-            s->any[i] || s->test[i] > (i == 0 ? REC_SELFCAL_GAIN_SIGMAS : REC_SELFCAL_SHIFT_SIGMAS);
+    selfcal_gains(s);
+    if (shifts)
+        selfcal_shifts(s, selfcal_scale(pb));
+    s->any[0] =
+        s->any[0] || (s->test[0] > REC_SELFCAL_GAIN_SIGMAS && s->size[0] > REC_SELFCAL_GAIN_LEAST);
+    s->any[1] = s->any[1] ||
+                (s->test[1] > REC_SELFCAL_SHIFT_SIGMAS && s->size[1] > REC_SELFCAL_SHIFT_LEAST);
     s->estimated = true;
     s->scale = selfcal_scale(pb);
     for (size_t c = 0; c < s->S->n_cameras; c++) {

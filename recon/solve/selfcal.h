@@ -20,9 +20,13 @@
  *     C_a = n / (n - 1) sum_t e_t^2 / (sum_t B)^2,   C_d = n / (n - 2) (sum H)^-1 sum_t e_t e_t' (sum H)^-1    (6)
  * with n the number of tiles that count, (sum q)^2 / sum q^2 of q = B and tr H.  A correction is made only if
  *     F = 1/f sum_c d_c' C_c^-1 d_c,   f = N - 1 for gains, 2 N - 3 for shifts, N cameras              (7)
- * lies so many sigma above chance, by the F distribution of f and the tiles' degrees of freedom.  Otherwise no bit of
- * the solution changes.  The two limits differ: what a tile lacks of light its neighbours have, so the scatter of R
- * overstates the error of a gain, and exact rigs lie below chance (NUMERICS.md has the figures).
+ * lies so many sigma above chance, by the F distribution of f and the tiles' degrees of freedom, and if it matters:
+ * the mean square of log g_c, or of |d_c| in bins of the finest grid, weighed by what is known of each camera,
+ *     k sum_c x_c' C_c^-1 x_c / sum_c (tr C_c^-1 / k),   k = 1 for gains, 2 for shifts                 (8)
+ * lies above the square of REC_SELFCAL_GAIN_LEAST or REC_SELFCAL_SHIFT_LEAST.  What a model misses, as beside a mask,
+ * can be beyond chance though it is small.  Otherwise no bit of the solution changes.  The two limits of (7) differ:
+ * what a tile lacks of light its neighbours have, so the scatter of R overstates the error of a gain, and exact rigs
+ * lie below chance (NUMERICS.md has the figures).
  * When: at the end of the second finest grid; on the finest at the first renewal of the weights (renewal.h), unless
  * the former test lay below REC_SELFCAL_NEAR; and where a correction is made, at the next renewal.
  * None for weights per channel (mosaics), where a channel's bins are not neighbours, and for fewer than
@@ -40,6 +44,8 @@ typedef struct rec_selfcal rec_selfcal;
 
 #define REC_SELFCAL_GAIN_SIGMAS  2.0
 #define REC_SELFCAL_SHIFT_SIGMAS 5.0
+#define REC_SELFCAL_GAIN_LEAST   0.02
+#define REC_SELFCAL_SHIFT_LEAST  0.1 /* bins */
 #define REC_SELFCAL_NEAR         1.0
 #define REC_SELFCAL_LEAST        4
 
