@@ -72,11 +72,16 @@ static void say_corrected(const struct reconstruct_hints *h, const struct rec_ri
         off = px[c] > px[off] ? c : off;
     }
     fprintf(stderr,
-            "pyrovox: in %u of %u volumes the cameras were corrected while solving: gains by up to "
-            "%.3f (%s), aim by up to %.2f px (%s); `pyrovox calibrate gain` and `pyrovox calibrate "
-            "refine` mend the rig, --selfcal off leaves the pictures as they are\n",
-            h->corrected, h->volumes, gain[dim], rig->cameras[dim].name, px[off],
-            rig->cameras[off].name);
+            "pyrovox: in %u of %u volumes the cameras were corrected while solving:", h->corrected,
+            h->volumes);
+    if (gain[dim] != 1)
+        fprintf(stderr, " gains by up to %.3f (%s)", gain[dim], rig->cameras[dim].name);
+    if (px[off] > 0)
+        fprintf(stderr, "%s aim by up to %.2f px (%s)", gain[dim] != 1 ? "," : "", px[off],
+                rig->cameras[off].name);
+    fputs("; `pyrovox calibrate gain` and `pyrovox calibrate refine` mend the rig, --selfcal off "
+          "leaves the pictures as they are\n",
+          stderr);
 }
 
 void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o,
