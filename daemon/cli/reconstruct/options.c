@@ -76,8 +76,8 @@ static const struct cli_row rows[] = {
      "pictures agree with it. For noisy pictures (5 %) of a slow flame. Only pcg can do it"},
     {"selfcal", SELFCAL, CLI_KEY(OPT_SELFCAL), 0, 0,
      "on (default): correct gain and aim of the cameras in the solve, where the pictures show "
-     "beyond chance that they are off; the report has both, with errors. gain: gain alone. Only pcg "
-     "does it, with four cameras or more"},
+     "beyond chance that they are off; the report has both, with errors. gain: gain alone. Only "
+     "pcg does it, with four cameras or more"},
     {.help = "Silhouettes and hull:"},
     FRAMES_IN_PHOTO_ROWS(struct reconstruct_options),
     {"background", "DIR", AT(background), 0, 0,
