@@ -8,6 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "base/log.h"
 #include "base/median.h"
 #include "base/mem.h"
 #include "capture/files/sequence.h"

@@ -4,6 +4,8 @@
 #include <stdarg.h>
 #include <stdio.h>
 
+#include "base/log.h"
+
 static const char *const texts[PVX_N_ERR] = {
     [PVX_OK] = "ok",
     [PVX_EINVAL] = "invalid value",
@@ -61,13 +63,6 @@ pvx_err pvx_err_from_errno(int errnum)
     case EOVERFLOW: return PVX_ERANGE;
     default: return PVX_EIO;
     }
-}
-
-void pvx_one_line(char *text)
-{
-    for (; *text != '\0'; text++)
-        if ((unsigned char)*text < ' ' || *text == 0x7f)
-            *text = ' ';
 }
 
 pvx_err(pvx_fail)(struct pvx_diag *d, pvx_err e, const char *fmt, ...)

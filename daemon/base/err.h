@@ -61,9 +61,6 @@ pvx_err pvx_fail(struct pvx_diag *d, pvx_err e, const char *fmt, ...) PVX_PRINTF
 #define pvx_fail(d, e, ...) (pvx_fail(d, e, __VA_ARGS__), (e))
 #endif
 
-/* Replaces control characters by spaces.  Quoted input, as the name of a file, may have line breaks: no line of a log
- * can be forged by it. */
-void pvx_one_line(char *text);
 /* The diag's text, or pvx_strerror(e) when it has none. */
 const char *pvx_diag_text(const struct pvx_diag *d, pvx_err e);
 

@@ -13,6 +13,15 @@
 #include <stdint.h>
 #include "base/err.h"
 
+/* Replaces control characters by spaces.  Quoted input, as the name of a file, may have line breaks: no line of a log
+ * can be forged by it. */
+static inline void pvx_one_line(char *text)
+{
+    for (; *text != '\0'; text++)
+        if ((unsigned char)*text < ' ' || *text == 0x7f)
+            *text = ' ';
+}
+
 enum pvx_log_level { PVX_LOG_ERROR, PVX_LOG_WARN, PVX_LOG_INFO, PVX_LOG_DEBUG };
 enum pvx_log_topic { TOPIC_DAEMON, TOPIC_CAPTURE, TOPIC_RECON, TOPIC_PROTO, TOPIC_SIM, TOPIC_N };
 
