@@ -18,6 +18,10 @@ forgotten_black_level() {
 odd_volumes() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out dark --last 1 --threshold 0.99 --quiet
     says 0 'no volume of 2 has any light' '--threshold, --black' || return 1
+    [[ $out != *'K is fx'* ]] || return 1
+    sed -E 's/K: \[([^,]*), ([^,]*), ([^,]*), ([^]]*)\]/K: [\1, \3, \2, \4]/' rig.yaml > order.yaml
+    run "$pyrovox" reconstruct --rig order.yaml --frames take --black 0.02 --out order --last 0 --quiet
+    says 0 'any light' 'camera cam0 has K:' 'K is fx, fy, cx, cy' || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out near --last 0
     says 0 && ! grep -q 'any light' <<< "$out"
 }
