@@ -51,9 +51,9 @@ check another offline other.yaml 1 "camera cam0 is SIM00, but the rig's photomet
 check not_known offline old.yaml 0 "the temperature of 4 cameras' darks is not checked"
 
 daemon both.yaml both.log "sync: {policy: partial}"
-check runs wait_for field "s['last']['cameras'] == 3"
 said() { grep -q "$1" "$dir/both.log"; }
-check left_out said "cam0 is SIM00, but the rig's photometry was measured on SIM09: it is left out"
+check left_out wait_for said "cam0 is SIM00, but the rig's photometry was measured on SIM09: it is left out"
+check runs wait_for field "s['last']['cameras'] == 3"
 check warmer wait_for said "cam2 has 4.* degrees Celsius, but its dark is of 20.0"
 check nobody_else field "all(c['counts']['lost_camera'] == 0 for c in s['cameras'])"
 check ends stop
