@@ -3,7 +3,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "recon/carve/photo_pass.h"
 #include "recon/simd/lanes.h"
@@ -64,12 +63,6 @@ static double clipped_inverse(const float inverse[REC_CLIPPED_KNOTS], double x)
     return (1 - part) * (double)inverse[k] + part * (double)inverse[k + 1];
 }
 
-static int by_size(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 /* Samples that a bin's channel is the mean of; 0: not known.  Binned Bayer pixels: green is the mean of its own, red and
  * blue have the weights of (3) in photo.h, and count as the number of equal ones with that noise. */
 static double samples_of(const struct rec_photo_image *im, int c)
@@ -80,38 +73,6 @@ static double samples_of(const struct rec_photo_image *im, int c)
     if (im->bayer == 0)
         return b * b;
     return b < 2 ? 0 : c == 1 ? b * b / 2 : axis * axis;
-}
-
-/* The dark half of the blocks, as the noise pass takes it: m above the level, d, and the share of bins at the level. */
-struct dark_half {
-    double mean, sd, at_level;
-};
-static bool measure_dark(const struct rec_photo_image *im, int c, float level,
-                         struct dark_half *out)
-{
-    const struct rec_photo_work *w = im->work;
-    const struct rec_photo_blocks all = rec_photo_blocks(im);
-    float mean[REC_PHOTO_BLOCKS], noise2[REC_PHOTO_BLOCKS], at[REC_PHOTO_BLOCKS];
-    size_t n = 0, half = 0;
-    for (int32_t m = 0; m * all.every < all.all; m++)
-        if (w->block[m].measured)
-            mean[n++] = w->block[m].mean[c];
-    if (n == 0)
-        return false;
-    qsort(mean, n, sizeof *mean, by_size);
-    float limit = mean[n / 2];
-    for (int32_t m = 0; m * all.every < all.all; m++) {
-        const struct rec_photo_block *b = &w->block[m];
-        if (!b->measured || b->mean[c] > limit)
-            continue;
-        noise2[half] = b->noise2[c];
-        at[half++] = b->low[c] <= level ? b->at_low[c] : 0;
-    }
-    qsort(noise2, half, sizeof *noise2, by_size);
-    qsort(at, half, sizeof *at, by_size);
-    *out = (struct dark_half){(double)mean[n / 4] - (double)level, sqrt((double)noise2[half / 2]),
-                              (double)at[half / 2]};
-    return true;
 }
 
 /* (6); 0: no step is to be seen. */
@@ -134,23 +95,23 @@ void rec_clipped_find(const struct rec_photo_image *im, int c)
 {
     struct rec_photo_work *w = im->work;
     struct rec_clipped *out = &w->clipped[c];
-    float level = (0 - im->params->black) * im->gain[c], low = INFINITY;
-    double n = samples_of(im, c);
-    struct dark_half d;
+    const struct rec_photo_dark *half = &w->half[c];
+    const float level = (0 - im->params->black) * im->gain[c];
+    double n = samples_of(im, c), mean = (double)half->mean - (double)level;
+    double sd = sqrt((double)half->noise2);
+    double at_level = half->low <= level ? (double)half->at_low : 0;
     *out = (struct rec_clipped){.level = (double)level};
-    for (size_t b = 0; b < rec_band_count(im->bh); b++)
-        low = fminf(low, w->band[b].low[c]);
-    if (!(n > 0) || im->background != NULL || !(low >= level) || !measure_dark(im, c, level, &d))
+    if (!(n > 0) || im->background != NULL || !(half->low >= level))
         return;
-    if (!(d.sd > 0) || (n < 1.5 && d.at_level > MOST_AT_LEVEL)) {
-        if (low == level && d.at_level > MOST_AT_LEVEL)
+    if (!(sd > 0) || (n < 1.5 && at_level > MOST_AT_LEVEL)) {
+        if (half->low == level && at_level > MOST_AT_LEVEL)
             w->sigma[c] = fmaxf(w->sigma[c], (float)sigma_of_step(im, c, level, n));
         return;
     }
-    double t = clipped_solve(d.mean / (d.sd * sqrt(n)));
-    if (t > REC_CLIPPED_CLEAR || (n < 1.5 && !(d.at_level > 0.01)))
+    double t = clipped_solve(mean / (sd * sqrt(n)));
+    if (t > REC_CLIPPED_CLEAR || (n < 1.5 && !(at_level > 0.01)))
         return;
-    out->sigma = d.sd * sqrt(n) / clipped_sd(t);
+    out->sigma = sd * sqrt(n) / clipped_sd(t);
     out->share = normal_below(-t);
     out->pedestal = (REC_CLIPPED_WANTED - t) * out->sigma / (double)im->gain[c];
     if (t < REC_CLIPPED_DEEP)
@@ -159,7 +120,7 @@ void rec_clipped_find(const struct rec_photo_image *im, int c)
     out->t = fmax(t, 0);
     out->slope = 1 + (1 / normal_below(out->t) - 1) * sqrt(n) / (1 + sqrt(n));
     out->dark = out->sigma * clipped_mean(out->t);
-    out->cut = n < 1.5 ? -(d.mean - out->sigma * out->t) / d.at_level : 0;
+    out->cut = n < 1.5 ? -(mean - out->sigma * out->t) / at_level : 0;
     w->sigma[c] = (float)(out->sigma / sqrt(n));
 }
 

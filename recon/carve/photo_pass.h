@@ -31,11 +31,18 @@ struct rec_photo_band {
     int32_t peak; /* bits of the brightest bin's float; above 0 they have the order of the floats */
 };
 
+/* A channel's least value, and of the darker half of its blocks: the lower quartile of means, the medians of noise2 and
+ * of the share of bins that have the least value. */
+struct rec_photo_dark {
+    float low, mean, noise2, at_low;
+};
+
 struct rec_photo_work {
     struct rec_photo_band *band; /* [bands] */
     uint8_t *raw, *clean;        /* [bh*bw] REC_LIT and REC_FORCED; despeckled */
     struct rec_grain grain;
     float sigma[3], dark[3]; /* of each channel */
+    struct rec_photo_dark half[3];
     rec_f4 limit, faint,
         fainter;       /* for a bin and for means over 3x3 and 7x7; lanes without a channel INF */
     bool means, noisy; /* judge means over 3x3; over 7x7 */

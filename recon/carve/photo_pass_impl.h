@@ -389,16 +389,20 @@ static void noise(const struct rec_photo_image *im, int32_t c)
         at_low[n++] = b->at_low[c] * (float)(b->low[c] <= low);
     }
     w->sigma[c] = w->dark[c] = 0;
+    w->half[c] = (struct rec_photo_dark){.low = low};
     if (n == 0)
         return;
     float limit = select_kth(mean, n, n / 2);
-    w->dark[c] = fmaxf(0, select_kth(mean, n, n / 4));
+    w->half[c].mean = select_kth(mean, n, n / 4);
+    w->dark[c] = fmaxf(0, w->half[c].mean);
     for (int32_t i = 0; i < n; i++) { /* no branch: it could not be predicted */
         noise2[half] = noise2[i];
         at_low[half] = at_low[i];
         half += mean[i] <= limit;
     }
-    float s = sqrtf(select_kth(noise2, half, half / 2)), z = select_kth(at_low, half, half / 2);
+    w->half[c].noise2 = select_kth(noise2, half, half / 2);
+    float s = sqrtf(w->half[c].noise2), z = select_kth(at_low, half, half / 2);
+    w->half[c].at_low = z;
     w->sigma[c] = z > 0.25f && z < 0.75f ? s / 0.5838f : s;
 }
 

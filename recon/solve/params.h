@@ -69,7 +69,7 @@ struct rec_selfcal_report {
     bool gain, shift; /* these were corrected */
     uint32_t cameras; /* of the rig; 0: nothing was estimated */
     double test[2];   /* how far gains, shifts lie above chance, in sigma; 0: not tested */
-    struct rec_selfcal_camera camera[64];
+    struct rec_selfcal_camera camera[64]; /* REC_MAX_CAMERAS of rig.h */
 };
 
 /* Names of all solvers, NULL-terminated; the first is the default. */
