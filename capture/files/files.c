@@ -366,7 +366,7 @@ static pvx_err files_set_up(struct files *s, const struct cap_source_config *c, 
               "periods; if they are times, rename the files to count frames",
               s->camera_name, step);
     }
-    for (char *rest = s->reel.said, *said; (said = strsep(&rest, "\n")) != NULL && *said != '\0';)
+    for (char *rest = s->reel.said, *said; (said = cap_reel_said(&rest)) != NULL;)
         LOG_W(CAPTURE, "camera %s: %s", s->camera_name, said);
     if (!(fps > 1e-3 && fps < 1e5))
         fps = 30;

@@ -30,6 +30,12 @@ pvx_err cap_reel_say(char **text, const char *fmt, ...)
     return PVX_OK;
 }
 
+char *cap_reel_said(char **rest)
+{
+    char *line = strsep(rest, "\n");
+    return line != NULL && *line != '\0' ? line : NULL;
+}
+
 /* ---- what a folder has ------------------------------------------------------------------------ */
 
 static bool reel_is_folder(const char *path)

@@ -54,4 +54,6 @@ void cap_reel_close(struct cap_reel *r);
 /* Add a line to a text that grows; *text NULL: the first.  Owner: caller, free().  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_reel_say(char **text, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
+/* The next line of such a text, which is cut up; *rest: the text at first.  NULL: no more. */
+char *cap_reel_said(char **rest);
 #endif

@@ -58,8 +58,7 @@ static pvx_err find_add_reel(struct calibrate_look *l, const char *dir, const ch
                      "%s: folders with pictures and videos side by side: give a folder with "
                      "pictures or one with videos",
                      dir);
-    for (char *rest = r.said, *line;
-         e == PVX_OK && (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+    for (char *rest = r.said, *line; e == PVX_OK && (line = cap_reel_said(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: camera %s: %s\n", name, line);
     if (e == PVX_OK) {
         l->reel[l->n_reels++] = r;
@@ -113,7 +112,7 @@ static pvx_err find_pair(struct calibrate_look *l, const char *dir, struct pvx_d
         name[c] = l->camera[c].name;
     pvx_err e = cap_pairs_find(l->reel, name, l->n_cameras, l->numbers,
                                pictures && l->numbers == CAP_NUMBERS_COUNT, p, d);
-    for (char *rest = p->said, *line; (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+    for (char *rest = p->said, *line; (line = cap_reel_said(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: %s: %s\n", dir, line);
     PVX_TRY(e);
     for (size_t c = 0; c < l->n_cameras; c++) {

@@ -147,8 +147,7 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
             "camera %s: %s and %s: samples of JPEG files are taken as sRGB, those of other "
             "types as light; keep one type, or say for all: --transfer srgb or linear",
             camera, f->reel[c].path[0], f->reel[c].path[f->reel[c].other]);
-    for (char *rest = f->reel[c].said, *line;
-         e == PVX_OK && (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+    for (char *rest = f->reel[c].said, *line; e == PVX_OK && (line = cap_reel_said(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: camera %s: %s\n", camera, line);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
 }
@@ -186,7 +185,7 @@ static pvx_err scan_folder(struct frames_in *f, int64_t first, int64_t last, str
     PVX_TRY(frames_in_say_none(f, none, d));
     pvx_err e = cap_pairs_find(f->reel, name, cams, (enum cap_numbers)f->how.numbers,
                                f->kinds == FRAMES_IN_EACH, &p, d);
-    for (char *rest = p.said, *line; (line = strsep(&rest, "\n")) != NULL && *line != '\0';)
+    for (char *rest = p.said, *line; (line = cap_reel_said(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: %s: %s\n", f->dir, line);
     free(p.said);
     f->number = p.number;
