@@ -58,7 +58,7 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
-FILMS_SOURCES := $(addprefix capture/files/film_,apng.c pixels.c read.c)
+FILMS_SOURCES := $(addprefix capture/files/film_,pixels.c read.c)
 MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/reconstruct/ranks_mpi.c $(FILMS_SOURCES) \
   capture/files/tiff.c proto/clients/example.c \
   recon/view/example.c
@@ -91,9 +91,9 @@ ifdef BARE
 all: setup
 	@+$(MAKE) --no-print-directory built
 else
-all: built ## install what is missing, build build/bin/pyrovox and build/bin/pyrovoxd
+all: built ## install what is missing, build; then `. build/env` for PATH, man pages, Python
 endif
-built: $(BINS) $(PLUGINS) $(RECON) $(CLIENT)
+built: $(BINS) $(PLUGINS) $(RECON) $(CLIENT) $(B)/env
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-14s %s\n", $$1, $$2 } \
@@ -167,5 +167,14 @@ $(BINS):
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(link)
+
+# `. build/env` in a shell is `make install` for this shell alone.
+$(B)/env: Makefile $(wildcard daemon/man/*.[1358])
+	@for m in $(filter-out Makefile,$^); do \
+	  mkdir -p $(B)/man/man$${m##*.} && ln -sf "$(CURDIR)/$$m" $(B)/man/man$${m##*.}/; done
+	@printf 'PATH=%q:$$PATH\nMANPATH=%q:$${MANPATH:-}\nPYTHONPATH=%q$${PYTHONPATH:+:$$PYTHONPATH}\n' \
+	  "$(CURDIR)/$(B)/bin" "$(CURDIR)/$(B)/man" "$(CURDIR)/proto/clients/python" > $@
+	@printf 'export PATH MANPATH PYTHONPATH\n[ -z "$${BASH_VERSION:-}" ] || . %q\n' \
+	  "$(CURDIR)/systemd/pyrovox.completion" >> $@
 
 -include $(shell test -d $(B) && find $(B) -type f -name '*.d')

@@ -46,7 +46,7 @@ static const char doc[] =
     "  fps: 20\n\n"
     "Examples:\n"
     "  pyrovoxd --config pyrovoxd.yaml --check-config\n"
-    "  pyrovoxd --print-config > pyrovoxd.yaml     every key, explained\n"
+    "  pyrovoxd --print-config > every-key.yaml     # explained\n"
     "  pyrovoxd --config pyrovoxd.yaml\n\n"
     "`pyrovox status` and `pyrovox top` show its state.  SIGTERM or Ctrl-C ends it.";
 
@@ -155,6 +155,23 @@ static void control_background_state(void *ctx, struct dmn_background_state *out
     *out = (struct dmn_background_state){0};
     if (p != NULL)
         dmn_live_background_state(p, out);
+}
+
+static pvx_err control_check(void *ctx, struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    return p != NULL ? dmn_live_check_begin(p, d)
+                     : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+}
+
+static void control_check_state(void *ctx, struct dmn_check_request *out)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    *out = (struct dmn_check_request){0};
+    if (p != NULL)
+        dmn_live_check_state(p, out);
 }
 
 static const struct dmn_config *control_config(void *ctx)
@@ -350,6 +367,8 @@ static int daemon_main_run(const struct dmn_config *cfg)
                                   .snapshot = control_snapshot,
                                   .background = control_background,
                                   .background_state = control_background_state,
+                                  .check = control_check,
+                                  .check_state = control_check_state,
                                   .config = control_config,
                                   .apply = control_apply,
                                   .reload_keys = control_reload_keys,
@@ -404,6 +423,7 @@ static int daemon_main_run(const struct dmn_config *cfg)
 /* What the start does, but for the matrix, the sockets and the cameras themselves. */
 static int daemon_check(const struct dmn_config *cfg)
 {
+    double matrix = 0;
     struct pvx_diag d = {0};
     struct rec_rig rig;
     const char *open;
@@ -425,10 +445,20 @@ static int daemon_check(const struct dmn_config *cfg)
             printf("%-16s %s\n", rig.cameras[i].name, uri);
     }
     fflush(stdout);
-    PVX_THEN(e, dmn_live_check(cfg, &d));
+    PVX_THEN(e, dmn_live_check(cfg, &matrix, &d));
+    struct rec_rig all;
+    char path[PATH_MAX];
+    dmn_config_path(cfg, cfg->rig, path, sizeof path);
+    if (e == PVX_OK && rec_rig_load(path, &all, NULL) == PVX_OK) {
+        if (all.n_cameras > rig.n_cameras)
+            printf("%s: only %zu of the %zu cameras of %s are in cameras\n", cfg->name,
+                   rig.n_cameras, all.n_cameras, path);
+        rec_rig_fini(&all);
+    }
     if (e == PVX_OK)
-        printf("%s: ok: %zu camera%s, %dx%dx%d voxels\n", cfg->name, rig.n_cameras,
-               rig.n_cameras == 1 ? "" : "s", rig.grid.n[0], rig.grid.n[1], rig.grid.n[2]);
+        printf("%s: ok: %zu camera%s, %dx%dx%d voxels, about %.2g GB for the system matrix\n",
+               cfg->name, rig.n_cameras, rig.n_cameras == 1 ? "" : "s", rig.grid.n[0],
+               rig.grid.n[1], rig.grid.n[2], matrix * 1e-9);
     rec_rig_fini(&rig);
     return e == PVX_OK ? 0 : daemon_main_fail(&d, e);
 }

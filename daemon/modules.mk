@@ -28,12 +28,12 @@ $(ARUCO): MODULE_LIBS = $(addprefix -lopencv_,aruco calib3d imgproc core)
 
 # Least squares by Ceres, planes by OpenCV: one C++ file, since the headers of both are most of its cost.
 CALIB := $(CXX_FOLDER)/lib/pyrovox/pyrovox-calib.so
-$(CALIB): recon/calib/shim.cpp recon/calib/shim.h
+$(CALIB): recon/calib/shim.cpp recon/calib/shim.h daemon/base/guarded.hpp
 $(CALIB): MODULE_INCLUDES = -I/usr/include/opencv4 -isystem /usr/include/eigen3
 $(CALIB): MODULE_LIBS = -lceres -lglog -lopencv_core -lopencv_calib3d
 
 LIBCAMERA_SO := $(CXX_FOLDER)/lib/pyrovox/pyrovox-libcamera.so
-$(LIBCAMERA_SO): capture/libcamera/shim.cpp capture/libcamera/shim.h capture/source/guarded.hpp
+$(LIBCAMERA_SO): capture/libcamera/shim.cpp capture/libcamera/shim.h daemon/base/guarded.hpp
 $(LIBCAMERA_SO): MODULE_INCLUDES = $(shell pkg-config --cflags libcamera)
 $(LIBCAMERA_SO): CXXFLAGS += -std=c++20
 $(LIBCAMERA_SO): MODULE_LIBS = $(shell pkg-config --libs libcamera)
@@ -41,6 +41,7 @@ $(LIBCAMERA_SO): MODULE_LIBS = $(shell pkg-config --libs libcamera)
 # The headers of OpenVDB warn; most of the library's own cost is theirs too.
 VDB := $(CXX_FOLDER)/lib/pyrovox/pyrovox-openvdb.so
 $(VDB): $(addprefix daemon/volumes/,openvdb_shim.cpp nanovdb_grids.cpp openvdb_shim.h nanovdb_grids.h)
+$(VDB): daemon/base/guarded.hpp
 $(VDB): MODULE_LIBS = -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
 
 # In C, since MPI has a C API.

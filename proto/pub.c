@@ -105,13 +105,13 @@ static pvx_err send_start(struct pvp_pub *p)
     return send_message(p, msg, len);
 }
 
-/* Sends the rig to all subscribers, so at most once a second, however often clients subscribe. */
-static pvx_err send_rig(struct pvp_pub *p)
+/* Sends the rig to all subscribers, so at most once a second and before each volume, however often clients subscribe. */
+static pvx_err send_rig(struct pvp_pub *p, bool volume)
 {
     const void *msg;
     size_t len;
     int64_t now = pvx_now_mono();
-    if (p->rig == NULL || !p->rig_wanted || now < p->rig_next)
+    if (p->rig == NULL || !p->rig_wanted || (!volume && now < p->rig_next))
         return PVX_OK;
     p->rig_wanted = false;
     p->rig_next = now + PVX_NS_PER_S;
@@ -278,7 +278,7 @@ void pvp_pub_free(pvp_pub **pp)
     PVX_FREE(*pp);
 }
 
-void pvp_pub_tick(pvp_pub *p)
+static void pub_tick(struct pvp_pub *p, bool volume)
 {
     pub_guard_again(p);
     for (int k = 0; k < N_OUTLETS; k++)
@@ -286,8 +286,14 @@ void pvp_pub_tick(pvp_pub *p)
             read_subscriptions(p, &p->out[k]);
     /* A start that cannot be encoded was refused in pvp_pub_new; a socket that fails shows in the
      * next volume. */
-    if ((pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK) || send_rig(p) != PVX_OK)
+    if ((pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK) ||
+        send_rig(p, volume) != PVX_OK)
         return;
+}
+
+void pvp_pub_tick(pvp_pub *p)
+{
+    pub_tick(p, false);
 }
 
 pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, const struct pvp_voxels *x,
@@ -297,7 +303,7 @@ pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, const struct pvp_
     size_t len;
     struct pvp_volume mine = *v;
     mine.session = p->start.session;
-    pvp_pub_tick(p);
+    pub_tick(p, true);
     PVX_TRY(pvp_encode_volume(p->encoder, p->sequence, &mine, x, &msg, &len));
     if (bytes != NULL)
         *bytes = len;

@@ -3,7 +3,7 @@
  *
  * PUB drops messages silently for a subscriber that does not read.  So every message carries a sequence number that
  * counts all messages of the session, and clients count gaps.  `start` is repeated every second.  A new subscriber
- * also gets it at once, followed by `rig`, which is sent at most once a second.
+ * also gets it at once.  `rig` follows before the first volume, and is sent at most once a second beside volumes.
  * Sending never blocks.  A subscriber that does not read costs at most send_hwm messages of memory.  The publisher
  * allocates nothing per message (libzmq copies each).
  * Threads: one at a time, not necessarily its creator. */

@@ -202,7 +202,7 @@ def foreign(name, text, documents):
     """Lines that refer to documents that are not in the tree."""
     said = []
     for number, line in enumerate(text.split("\n"), 1):
-        missing = [w for w in re.findall(r"\b([A-Za-z]\w+\.md)\b", line) if w not in documents]
+        missing = [w for w in re.findall(r"(?<![\w-])([A-Za-z][\w-]+\.md)\b", line) if w not in documents and w.split("-")[-1] not in documents]
         if missing or FOREIGN.search(line):
             said.append(f"{name}:{number}: refers to {missing[0] if missing else FOREIGN.search(line).group(0)}, which is not in the tree: {line.strip()[:100]}")
     return said

@@ -23,7 +23,8 @@ stability: setup-test ## every hard case: outcome, error against the truth, boun
 	@$(B)/tests/stability/stability $(B)/stability
 
 soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, what it costs;
-## HOURS=n: under faults, slopes of memory and latency, picture (SEED=n BUSY=1); LAPSE=1: what comes after years
+## HOURS=n: under faults, slopes of memory and latency, picture (SEED=n BUSY=1 FASTER=n);
+## LAPSE=1: what comes after years
 	@$(PARALLEL) built $(B)/tests/soak/soak $(B)/tests/unit/test_pub
 ifdef LAPSE
 	@PYROVOX_BUILD=$(abspath $(B)) LAPSE_S=$(or $(LAPSE_S),120) tests/system/058-lapse.sh

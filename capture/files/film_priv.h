@@ -30,10 +30,4 @@ void film_pixels_read(struct film_pixels *p, const AVFrame *frame, struct cap_im
 /* A palette of greys only makes a grey film, and stays so. */
 bool film_pixels_same_palette(const struct film_pixels *p, const AVFrame *frame);
 void film_pixels_free(struct film_pixels *p);
-
-pvx_err film_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
-                        struct film_apng **out, struct pvx_diag *d);
-pvx_err film_apng_add(struct film_apng *a, const uint8_t *samples, struct pvx_diag *d);
-pvx_err film_apng_end(struct film_apng *a, void **out, size_t *len, struct pvx_diag *d);
-void film_apng_drop(struct film_apng *a);
 #endif

@@ -542,11 +542,7 @@ const struct cap_films *cap_films_module(void)
                                             .open = film_open,
                                             .next = film_next,
                                             .times = film_times,
-                                            .close = film_close,
-                                            .apng_begin = film_apng_begin,
-                                            .apng_add = film_apng_add,
-                                            .apng_end = film_apng_end,
-                                            .apng_drop = film_apng_drop};
+                                            .close = film_close};
     av_log_set_callback(film_log); /* nothing is printed */
     return &module;
 }

@@ -34,16 +34,6 @@ PVX_MUST_CHECK pvx_err cap_image_save(const char *path, const float *pix, int32_
 PVX_MUST_CHECK pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h,
                                        int nch, int depth, struct pvx_diag *d);
 
-/* Pictures of one size and 8 bits into one animated PNG (browsers show it in an endless loop).  fps 1..100.  It is
- * kept in memory, at most 2 GB.  cap_apng_end writes it whole and frees it, also on failure; atomic write.
- * Errors name the file. */
-typedef struct cap_apng cap_apng;
-PVX_MUST_CHECK pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
-                                      cap_apng **out, struct pvx_diag *d);
-PVX_MUST_CHECK pvx_err cap_apng_add(cap_apng *a, const uint8_t *samples, struct pvx_diag *d);
-PVX_MUST_CHECK pvx_err cap_apng_end(cap_apng **a, struct pvx_diag *d);
-void cap_apng_drop(cap_apng **a); /* without a file */
-
 /* n-dimensional float32 .npy, C order. ndim 1..4; atomic write. */
 PVX_MUST_CHECK pvx_err cap_npy_save(const char *path, const float *data, const size_t *shape,
                                     int ndim, struct pvx_diag *d);

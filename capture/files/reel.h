@@ -29,8 +29,7 @@ struct cap_reel {
     char *said;       /* what is left out of it, or odd: a sentence on each line; NULL: nothing */
     cap_video *video; /* open at: */
     size_t next;
-    int64_t held_at;       /* time of a film's frame that was read too early, in: */
-    struct cap_image held; /* data NULL: none */
+    struct cap_image held; /* a film's frame that was read too early; data NULL: none */
 };
 
 #define CAP_REEL_NAME 4400

@@ -20,7 +20,7 @@
 
 #include <libcamera/libcamera.h>
 
-#include "capture/source/guarded.hpp"
+#include "base/guarded.hpp"
 
 using namespace libcamera;
 

@@ -29,6 +29,12 @@ struct take_h5_room {
 };
 PVX_MUST_CHECK pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const char *path,
                                        uint64_t bytes, struct pvx_diag *d);
+/* PVX_EBUSY: path is there.  Makes its folder. */
+PVX_MUST_CHECK pvx_err take_h5_check(const char *path, struct pvx_diag *d);
+/* Makes path, which must not be there, with its folder and first room; an error leaves no file.  Owner of *file and
+ * r->fd: caller. */
+PVX_MUST_CHECK pvx_err take_h5_create(struct take_h5_room *r, const char *path, hid_t fcpl,
+                                      hid_t fapl, hid_t *file, struct pvx_diag *d);
 
 /* Whether path is a regular file that begins like HDF5; *bytes = its size. */
 bool take_h5_looks(const char *path, uint64_t *bytes);

@@ -33,7 +33,8 @@ pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const char *path, ui
                         struct pvx_diag *d)
 {
     hsize_t now = 0;
-    H5Fget_filesize(file, &now); /* includes data not written yet */
+    if (file >= 0)
+        H5Fget_filesize(file, &now); /* includes data not written yet */
     uint64_t want = now + bytes + ROOM;
     if (want <= r->reserved)
         return PVX_OK;
@@ -53,6 +54,38 @@ pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const char *path, ui
     }
     r->reserved = want + ROOM;
     return PVX_OK;
+}
+
+pvx_err take_h5_check(const char *path, struct pvx_diag *d)
+{
+    const char *slash = strrchr(path, '/');
+    if (slash != NULL && slash != path) {
+        char *dir = strndup(path, (size_t)(slash - path));
+        pvx_err e = dir != NULL ? pvx_mkdirs(dir, d) : PVX_ENOMEM;
+        free(dir);
+        PVX_TRY(e);
+    }
+    return access(path, F_OK) != 0
+               ? PVX_OK
+               : pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", path);
+}
+
+pvx_err take_h5_create(struct take_h5_room *r, const char *path, hid_t fcpl, hid_t fapl,
+                       hid_t *file, struct pvx_diag *d)
+{
+    *file = -1;
+    PVX_TRY(take_h5_check(path, d));
+    r->fd = open(path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (r->fd < 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    *file = H5Fcreate(path, H5F_ACC_TRUNC, fcpl, fapl);
+    /* first: where libhdf5 fails because no page is free it may give no reason */
+    pvx_err e = take_h5_reserve(r, *file, path, 0, d);
+    if (e == PVX_OK && *file < 0)
+        e = take_h5_fail(d, PVX_EIO, path, "cannot be made");
+    if (e != PVX_OK)
+        unlink(path);
+    return e;
 }
 
 bool take_h5_put_attr(hid_t at, const char *name, hid_t type, const void *value)

@@ -642,7 +642,7 @@ static void recorder_tell(const struct cap_recorder_stats *s)
     if (s->takes > 1)
         snprintf(takes, sizeof takes, "the last of %u takes, ", s->takes);
     pvx_log(
-        level, TOPIC_CAPTURE,
+        level, TOPIC_CAPTURE, NULL,
         "%s: %.1f s, %s%llu sets, %llu frames (%llu in no set), %.1f MB, %.1f MB/s; %llu sets and "
         "%llu frames could not be recorded%s",
         s->path, s->seconds, takes, (unsigned long long)s->sets, (unsigned long long)s->frames,

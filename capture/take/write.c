@@ -268,33 +268,13 @@ static void free_writer(cap_take_writer *w)
     free(w);
 }
 
-static pvx_err write_make_folder(const char *path, struct pvx_diag *d)
-{
-    const char *slash = strrchr(path, '/');
-    if (slash == NULL || slash == path)
-        return PVX_OK;
-    char *dir = strndup(path, (size_t)(slash - path));
-    pvx_err e = dir != NULL ? pvx_mkdirs(dir, d) : PVX_ENOMEM;
-    free(dir);
-    return e;
-}
-
 static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
 {
-    PVX_TRY(write_make_folder(w->path, d));
-    if (access(w->path, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", w->path);
     hid_t fapl = take_h5_access(TAKE_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
     H5Pset_attr_phase_change(fcpl, ATTRS, 0);
-    w->file = H5Fcreate(w->path, H5F_ACC_EXCL, fcpl, fapl);
+    pvx_err e = take_h5_create(&w->room, w->path, fcpl, fapl, &w->file, d);
     H5Pclose(fcpl);
     H5Pclose(fapl);
-    if (w->file < 0)
-        return write_fail(w, "cannot be made", d);
-    w->room.fd = open(w->path, O_RDWR | O_CLOEXEC);
-    pvx_err e = w->room.fd >= 0 ? write_reserve(w, 0, d) : write_fail(w, "cannot be made", d);
-    if (e != PVX_OK)
-        unlink(w->path);
     return e;
 }
 

@@ -91,20 +91,8 @@ static void log_print(char text[TEXT_MAX], enum pvx_log_topic topic, const char 
     vsnprintf(text + n, TEXT_MAX - (size_t)n, fmt, ap);
 }
 
-void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const char *fmt, ...)
-{
-    char text[TEXT_MAX];
-    va_list ap;
-    if (!wanted(level))
-        return;
-    va_start(ap, fmt);
-    log_print(text, topic, fmt, ap);
-    va_end(ap);
-    out(level, NULL, text);
-}
-
-void pvx_log_line(enum pvx_log_level level, enum pvx_log_topic topic, const struct pvx_about *about,
-                  const char *fmt, ...)
+void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const struct pvx_about *about,
+             const char *fmt, ...)
 {
     char text[TEXT_MAX];
     va_list ap;

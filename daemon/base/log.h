@@ -32,9 +32,6 @@ int pvx_log_syslog(enum pvx_log_level level); /* priority of syslog(3) */
 /* "error" "warn" "info" "debug"; PVX_EINVAL otherwise. */
 PVX_MUST_CHECK pvx_err pvx_log_level_parse(const char *name, enum pvx_log_level *out);
 
-void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const char *fmt, ...)
-    PVX_PRINTF(3, 4);
-
 /* Subject of a line, for searches (journal fields PYROVOX_CAUSE, _CAMERA, _SET).  0: not given. */
 struct pvx_about {
     const char *cause;  /* a word: "lost_camera" */
@@ -67,24 +64,24 @@ struct pvx_log_gate {
     uint32_t passed; /* lines since the last reset */
 };
 bool pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held);
-/* Writes one line that LOG_EVERY let through. */
-void pvx_log_line(enum pvx_log_level level, enum pvx_log_topic topic, const struct pvx_about *about,
-                  const char *fmt, ...) PVX_PRINTF(4, 5);
+/* Writes one line; `about` may be NULL. */
+void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const struct pvx_about *about,
+             const char *fmt, ...) PVX_PRINTF(4, 5);
 
-#define LOG_E(topic, ...)                   pvx_log(PVX_LOG_ERROR, TOPIC_##topic, __VA_ARGS__)
-#define LOG_W(topic, ...)                   pvx_log(PVX_LOG_WARN, TOPIC_##topic, __VA_ARGS__)
-#define LOG_I(topic, ...)                   pvx_log(PVX_LOG_INFO, TOPIC_##topic, __VA_ARGS__)
-#define LOG_D(topic, ...)                   pvx_log(PVX_LOG_DEBUG, TOPIC_##topic, __VA_ARGS__)
+#define LOG_E(topic, ...)                   pvx_log(PVX_LOG_ERROR, TOPIC_##topic, NULL, __VA_ARGS__)
+#define LOG_W(topic, ...)                   pvx_log(PVX_LOG_WARN, TOPIC_##topic, NULL, __VA_ARGS__)
+#define LOG_I(topic, ...)                   pvx_log(PVX_LOG_INFO, TOPIC_##topic, NULL, __VA_ARGS__)
+#define LOG_D(topic, ...)                   pvx_log(PVX_LOG_DEBUG, TOPIC_##topic, NULL, __VA_ARGS__)
 #define ABOUT(...)                          (&(const struct pvx_about){__VA_ARGS__})
 #define LOG_ABOUT(level, topic, about, ...) pvx_log_about(level, TOPIC_##topic, about, __VA_ARGS__)
 /* `fmt` gets a trailing "(N more like it held back)" */
-#define LOG_EVERY_ABOUT(level, topic, about, fmt, ...)                                      \
-    do {                                                                                    \
-        static struct pvx_log_gate gate_;                                                   \
-        uint64_t held_;                                                                     \
-        if (pvx_log_gate_pass(&gate_, &held_))                                              \
-            pvx_log_line(level, TOPIC_##topic, about, fmt " (%llu more like it held back)", \
-                         ##__VA_ARGS__, (unsigned long long)held_);                         \
+#define LOG_EVERY_ABOUT(level, topic, about, fmt, ...)                                 \
+    do {                                                                               \
+        static struct pvx_log_gate gate_;                                              \
+        uint64_t held_;                                                                \
+        if (pvx_log_gate_pass(&gate_, &held_))                                         \
+            pvx_log(level, TOPIC_##topic, about, fmt " (%llu more like it held back)", \
+                    ##__VA_ARGS__, (unsigned long long)held_);                         \
     } while (0)
 #define LOG_EVERY(level, topic, ...) LOG_EVERY_ABOUT(level, topic, NULL, __VA_ARGS__)
 

@@ -13,6 +13,7 @@
 
 #define MAX_BYTES (4u << 20)
 #define MAX_DEPTH 64
+#define POINT     "; numbers have a decimal point: 0.5, not 0,5"
 
 struct pvx_yaml {
     yaml_document_t doc;
@@ -25,10 +26,21 @@ static yaml_node_t *yaml_at(const pvx_yaml *y, int node)
     return node > 0 ? yaml_document_get_node((yaml_document_t *)&y->doc, node) : NULL;
 }
 
-static pvx_err invalid(const yaml_parser_t *p, const char *name, struct pvx_diag *d)
+static pvx_err invalid(const yaml_parser_t *p, const char *text, size_t len, const char *name,
+                       struct pvx_diag *d)
 {
+    const char *end = text + len;
     const char *why = p->problem == NULL ? "unknown" : p->problem;
     int colon = strncmp(why, "mapping values", 14) == 0; /* cameras: sim: */
+    for (size_t line = 0; line < p->problem_mark.line && text < end; line++) {
+        const char *eol = memchr(text, '\n', (size_t)(end - text));
+        text = eol == NULL ? end : eol + 1;
+    }
+    while (text < end && *text == ' ')
+        text++;
+    if (text < end && *text == '\t')
+        return pvx_fail(d, PVX_EFORMAT, "%s:%zu: a tab begins this line: indent by spaces", name,
+                        p->problem_mark.line + 1);
     return pvx_fail(d, PVX_EFORMAT, "%s:%zu: not valid YAML: %s%s", name, p->problem_mark.line + 1,
                     why, colon ? "; a value that ends in a colon needs quotes, as \"sim:\"" : "");
 }
@@ -46,7 +58,7 @@ static pvx_err scan_events(const char *text, size_t len, const char *name, struc
     for (int done = 0; !done && e == PVX_OK;) {
         yaml_event_t ev;
         if (!yaml_parser_parse(&p, &ev)) {
-            e = invalid(&p, name, d);
+            e = invalid(&p, text, len, name, d);
             break;
         }
         size_t line = ev.start_mark.line + 1;
@@ -93,6 +105,11 @@ static pvx_err check_maps(const pvx_yaml *y, struct pvx_diag *d)
                 if (strcmp(pvx_yaml_key(y, id, i), pvx_yaml_key(y, id, j)) == 0)
                     return pvx_yaml_fail(y, key, pvx_yaml_key(y, id, i), PVX_EFORMAT, d,
                                          "given twice");
+            const char *name = pvx_yaml_key(y, id, i); /* {black: 0,02} */
+            if (name[strspn(name, "0123456789")] == '\0' &&
+                pvx_yaml_text(y, pvx_yaml_value(y, id, i))[0] == '\0' &&
+                pvx_yaml_kind(y, pvx_yaml_value(y, id, i)) == PVX_YAML_SCALAR)
+                return pvx_yaml_fail(y, key, name, PVX_EFORMAT, d, "a number is no key%s", POINT);
         }
     }
     return PVX_OK;
@@ -118,7 +135,7 @@ pvx_err pvx_yaml_parse(const char *text, size_t len, const char *name, pvx_yaml 
     yaml_parser_set_input_string(&p, (const unsigned char *)text, len);
     int ok = yaml_parser_load(&p, &y->doc);
     if (!ok) {
-        pvx_err e = invalid(&p, name, d);
+        pvx_err e = invalid(&p, text, len, name, d);
         yaml_parser_delete(&p);
         free(y);
         return e;
@@ -289,8 +306,9 @@ pvx_err pvx_yaml_double(const pvx_yaml *y, int node, const char *key, double min
         return pvx_yaml_fail(y, node, key, PVX_EINVAL, d, "%s is outside %g..%g",
                              pvx_yaml_text(y, node), min, max);
     if (e != PVX_OK)
-        return pvx_yaml_fail(y, node, key, PVX_EFORMAT, d, "'%s' is not a finite number",
-                             pvx_yaml_text(y, node));
+        return pvx_yaml_fail(y, node, key, PVX_EFORMAT, d, "'%s' is not a finite number%s",
+                             pvx_yaml_text(y, node),
+                             strchr(pvx_yaml_text(y, node), ',') != NULL ? POINT : "");
     return PVX_OK;
 }
 
@@ -327,12 +345,16 @@ pvx_err pvx_yaml_doubles(const pvx_yaml *y, int node, const char *key, size_t n_
     size_t len = pvx_yaml_length(y, node);
     if (pvx_yaml_kind(y, node) != PVX_YAML_SEQ || len < n_min || len > n_max) {
         if (n_min == n_max)
-            return pvx_yaml_fail(y, node, key, PVX_EFORMAT, d, "should be a list of %zu numbers",
-                                 n_min);
+            return pvx_yaml_fail(y, node, key, PVX_EFORMAT, d, "should be a list of %zu numbers%s",
+                                 n_min, len > n_max ? POINT : "");
         return pvx_yaml_fail(y, node, key, PVX_EFORMAT, d, "should be a list of %zu to %zu numbers",
                              n_min, n_max);
     }
-    for (size_t i = 0; i < len; i++)
+    for (size_t i = 0; i < len; i++) {
+        const char *text = pvx_yaml_text(y, pvx_yaml_item(y, node, i));
+        if (text[0] == '0' && isdigit((unsigned char)text[1])) /* [-0,05, 0,01] */
+            return pvx_yaml_fail(y, node, key, PVX_EFORMAT, d, "'%s' begins with 0%s", text, POINT);
         PVX_TRY(pvx_yaml_double(y, pvx_yaml_item(y, node, i), key, -1e300, 1e300, &out[i], d));
+    }
     return PVX_OK;
 }

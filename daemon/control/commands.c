@@ -152,21 +152,34 @@ static size_t commands_snapshot(OPS)
     return e == PVX_OK ? done_there(where, to) : dmn_answer_error(to, pvx_diag_text(&d, e));
 }
 
+/* Begin and end the answer about something that was asked for. */
+static void taking_open(struct dmn_json *j, struct dmn_answer to, unsigned request,
+                        enum dmn_taking state)
+{
+    dmn_json_init(j, to.text, to.size);
+    dmn_json_open(j, NULL, '{');
+    dmn_json_bool(j, "ok", true);
+    dmn_json_int(j, "request", request);
+    dmn_json_str(j, "state", dmn_taking_names[state]);
+}
+
+static size_t taking_close(struct dmn_json *j, struct dmn_answer to, enum dmn_taking state,
+                           const struct pvx_diag *why)
+{
+    if (state == DMN_TAKING_FAILED)
+        dmn_json_str(j, "why", why->text);
+    dmn_json_close(j, '}');
+    size_t n = dmn_json_end(j);
+    return n > 0 ? n : dmn_answer_error(to, "no room");
+}
+
 static size_t background_is(const struct dmn_background_state *s, struct dmn_answer to)
 {
     struct dmn_json j;
-    dmn_json_init(&j, to.text, to.size);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_bool(&j, "ok", true);
-    dmn_json_int(&j, "request", s->request);
-    dmn_json_str(&j, "state", dmn_taking_names[s->state]);
+    taking_open(&j, to, s->request, s->state);
     dmn_json_int(&j, "sets", s->sets);
     dmn_json_int(&j, "have", s->have);
-    if (s->state == DMN_TAKING_FAILED)
-        dmn_json_str(&j, "why", s->why.text);
-    dmn_json_close(&j, '}');
-    size_t n = dmn_json_end(&j);
-    return n > 0 ? n : dmn_answer_error(to, "no room");
+    return taking_close(&j, to, s->state, &s->why);
 }
 
 static size_t background(OPS)
@@ -191,6 +204,31 @@ static size_t background(OPS)
     return (size_t)snprintf(to.text, to.size, "{\"ok\":true,\"request\":%u}", s.request);
 }
 
+static size_t check_is(const struct dmn_check_request *s, struct dmn_answer to)
+{
+    struct dmn_json j;
+    taking_open(&j, to, s->request, s->state);
+    if (s->state == DMN_TAKING_DONE)
+        dmn_belong_json(&j, &s->found, s->camera, s->n_cameras);
+    return taking_close(&j, to, s->state, &s->why);
+}
+
+/* Without a number it begins one; a check that is under way serves all who ask. */
+static size_t check(OPS)
+{
+    static struct dmn_check_request s; /* the control thread's */
+    struct pvx_diag d = {""};
+    if (ops->check == NULL)
+        return dmn_answer_error(to, "a check is not possible here");
+    if (!cJSON_HasObjectItem(request, "request")) {
+        pvx_err e = ops->check(ops->ctx, &d);
+        if (e != PVX_OK)
+            return dmn_answer_error(to, pvx_diag_text(&d, e));
+    }
+    ops->check_state(ops->ctx, &s);
+    return check_is(&s, to);
+}
+
 const struct dmn_command dmn_commands[] = {
     {"ping", "", "", "is it there", ping},
     {"status", "", "", "all that the daemon knows of itself (`pyrovox status`)", status},
@@ -212,6 +250,11 @@ const struct dmn_command dmn_commands[] = {
     {"background", "sets", "[SETS]",
      "subtract the mean of the next SETS from then on, 0: no more; without: how far it is",
      background},
+    {"check", "request", "",
+     "do pictures and rig belong together: tries swapped, mirrored and late cameras, other "
+     "readings "
+     "of the rig, a larger volume; the verdict, and exit 1 if it is bad",
+     check},
     {"reset-latency", "", "", "the latency statistics start anew", reset_latency},
     {"reload-keys", "", "", "read keys.server and keys.clients again, as on SIGHUP", reload_keys},
     {"stop", "", "", "drain and end", commands_stop},

@@ -33,6 +33,9 @@ struct dmn_control_ops {
     /* Begin to take a background of so many sets, and give the state of that; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);
     void (*background_state)(void *ctx, struct dmn_background_state *out);
+    /* Begin to compare pictures and rig, and give the state of that; NULL = cannot. */
+    pvx_err (*check)(void *ctx, struct pvx_diag *d);
+    void (*check_state)(void *ctx, struct dmn_check_request *out);
     /* config gives the options in effect, which the control thread owns.  apply takes others, which differ in options
      * that may change while the daemon runs (dmn_option_live).  NULL = cannot. */
     const struct dmn_config *(*config)(void *ctx);

@@ -71,6 +71,36 @@ static void camera_count(FILE *f, const struct dmn_state *s, const struct dmn_co
     }
 }
 
+/* A number of each camera of which something is known. */
+static void camera_known(FILE *f, const struct dmn_state *s, const char *name, const char *help,
+                         const float *first)
+{
+    const struct rec_selfcal_camera *k = s->report.selfcal.camera;
+    family(f, name, "gauge", help);
+    for (size_t c = 0; c < s->n_cameras; c++) {
+        if (!k[c].known)
+            continue;
+        fprintf(f, "pyrovox_%s{", name);
+        control_label(f, "camera", s->camera[c]);
+        fprintf(f, "} %.6g\n", (double)*(const float *)((const char *)first + c * sizeof *k));
+    }
+}
+
+static void camera_corrections(FILE *f, const struct dmn_state *s)
+{
+    const struct rec_selfcal_camera *k = s->report.selfcal.camera;
+    gauge(f, "cameras_gain_corrected", "1: pictures are multiplied by camera_gain",
+          s->report.selfcal.gain);
+    gauge(f, "cameras_aim_corrected", "1: pictures are moved by camera_right_px, camera_down_px",
+          s->report.selfcal.shift);
+    camera_known(f, s, "camera_gain", "factor on the pictures, by the flame", &k->gain);
+    camera_known(f, s, "camera_gain_error", "of it, one sigma", &k->gain_error);
+    camera_known(f, s, "camera_right_px", "flame further right than the rig says", &k->shift[0]);
+    camera_known(f, s, "camera_right_error_px", "of it, one sigma", &k->shift_error[0]);
+    camera_known(f, s, "camera_down_px", "flame further down than the rig says", &k->shift[1]);
+    camera_known(f, s, "camera_down_error_px", "of it, one sigma", &k->shift_error[1]);
+}
+
 static void control_cameras(FILE *f, const struct dmn_state *s)
 {
     family(f, "camera_running", "gauge", "1 while the camera runs");
@@ -87,6 +117,7 @@ static void control_cameras(FILE *f, const struct dmn_state *s)
     }
     for (int i = 0; i < DMN_N_IMAGE; i++)
         camera_count(f, s, &dmn_image_defs[i], &s->images[0][i], DMN_N_IMAGE);
+    camera_corrections(f, s);
 }
 
 static void stages(FILE *f, const struct dmn_state *s)

@@ -6,7 +6,6 @@
 #include "daemon/control/state_sync.h"
 
 #define ROW(number, ...) [number] = {__VA_ARGS__},
-const char *const dmn_taking_names[] = {"none", "taking", "done", "failed"};
 const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {DMN_DROPS(ROW)};
 const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {DMN_IMAGE_FAULTS(ROW)};
 
@@ -81,6 +80,7 @@ static void json_report(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_str(j, "solver", r->solve.solver == NULL ? "" : r->solve.solver);
     dmn_json_int(j, "iterations", r->solve.iterations);
     dmn_json_num(j, "rel_residual", r->solve.rel_residual);
+    dmn_json_num(j, "noise", rec_frame_noise(r, s->nch));
     dmn_json_int(j, "active_voxels", r->active_voxels);
     dmn_json_int(j, "active_rays", r->active_rays);
     dmn_json_int(j, "entries", (long long)r->entries);
@@ -120,13 +120,15 @@ static void json_rig(struct dmn_json *j, const struct dmn_rig_state *r)
     dmn_json_close(j, '}');
 }
 
-/* Of the last set; null where nothing was estimated. */
+/* Of the sets together, or with sets 0 of the last one; null where nothing was estimated. */
 static void json_selfcal(struct dmn_json *j, const struct rec_selfcal_report *r, size_t c)
 {
     const struct rec_selfcal_camera *k = &r->camera[c];
     double none = k->known ? 0 : NAN;
     dmn_json_open(j, "selfcal", '{');
     dmn_json_bool(j, "corrected", k->known && (r->gain || r->shift));
+    dmn_json_int(j, "sets", r->sets);
+    dmn_json_int(j, "touched", k->touched);
     dmn_json_num(j, "gain", (double)k->gain + none);
     dmn_json_num(j, "gain_error", (double)k->gain_error + none);
     dmn_json_num(j, "right_px", (double)k->shift[0] + none);
@@ -255,6 +257,9 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_close(&j, '}');
     json_cameras(&j, s);
     dmn_checks_json(&j, &s->checks, s->n_cameras);
+    dmn_json_open(&j, "belong", '{');
+    dmn_belong_json(&j, &s->belong, s->camera, s->n_cameras);
+    dmn_json_close(&j, '}');
     dmn_state_sync(&j, &s->capture);
     dmn_state_action(&j, &s->capture);
     json_stages(&j, s);

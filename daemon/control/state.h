@@ -9,14 +9,13 @@
 #include <stdint.h>
 #include "capture/rig/capture.h"
 #include "capture/take/recorder.h"
+#include "daemon/control/belong.h"
 #include "daemon/control/checks.h"
 #include "daemon/control/votes.h"
 #include "recon/geom/camera.h"
 #include "recon/frame/frame.h"
 
 /* A background that the daemon was asked for (background.h). */
-enum dmn_taking { DMN_TAKING_NONE, DMN_TAKING_NOW, DMN_TAKING_DONE, DMN_TAKING_FAILED };
-extern const char *const dmn_taking_names[];
 struct dmn_background_state {
     unsigned request; /* number of the last one; 0 = there was none */
     enum dmn_taking state;
@@ -93,6 +92,7 @@ struct dmn_state {
     uint64_t last_set;
     int64_t last_exposure_ns; /* UTC */
     struct rec_frame_report report;
+    int nch; /* channels of the volumes */
     struct dmn_votes votes;
     int32_t voxels[3];
     int32_t binning, rays;
@@ -102,6 +102,7 @@ struct dmn_state {
     uint64_t images[CAP_MAX_CAMERAS][DMN_N_IMAGE];
     struct dmn_rig_state rig[CAP_MAX_CAMERAS];
     struct dmn_checks checks;
+    struct dmn_belong belong;
     struct cap_stats capture;
     struct cap_recorder_stats record;
     struct dmn_beside_state volumes;

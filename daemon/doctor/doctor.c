@@ -41,6 +41,7 @@ void doc_run(struct doctor *d)
     doc_check_time(d);
     doc_check_disk(d);
     doc_check_system(d);
+    doc_check_blacks(d);
     qsort(d->report.f, d->report.n, sizeof d->report.f[0], worst_first);
 }
 

@@ -57,6 +57,9 @@ struct doc_load {
         char name[64];
         uint32_t address; /* GigE, host order; 0 = not known */
         size_t frame_bytes;
+        bool looked;          /* the camera was opened, and gave a picture or did not */
+        bool pictured;        /* it did */
+        double cut, pedestal; /* of its blacks, as for rec_photo_say_cut */
     } camera[CAP_MAX_CAMERAS];
     double fps;
     size_t frame_bytes;    /* largest */

@@ -221,8 +221,11 @@ static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
     if (img != NULL && (img->width != k->width || img->height != k->height)) {
         i->fault[c] = DMN_IMAGE_SIZE;
         snprintf(i->why[c].text, sizeof i->why[c].text,
-                 "is %dx%d, but the rig says camera %s takes %dx%d", img->width, img->height,
-                 k->name, k->width, k->height);
+                 "is %dx%d, but the rig says camera %s takes %dx%d%s", img->width, img->height,
+                 k->name, k->width, k->height,
+                 img->width == k->height && img->height == k->width
+                     ? ": width and height are swapped in its size"
+                     : "");
         i->image[c].data = NULL;
     }
     return i->image[c].data != NULL && img->fmt == CAP_JPEG;

@@ -20,6 +20,7 @@
 #include "daemon/pipeline/scene.h"
 #include "daemon/pipeline/sources.h"
 #include "daemon/pipeline/watch.h"
+#include "recon/matrix/active.h"
 
 #define LOOK_ROWS 8 /* of a picture's rows one in so many is looked at for its depth */
 
@@ -44,6 +45,7 @@ struct dmn_live {
     struct dmn_cameras_in in;
     struct dmn_publish out;
     dmn_watch *watch;
+    rec_average *average;   /* NULL: the cameras are taken as they are */
     dmn_previews *previews; /* NULL = none */
     dmn_pipeline *pipeline;
     atomic_bool stopping;
@@ -191,7 +193,9 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
                                      .sink = dmn_publish_sink(&l->out),
                                      .carved = carved,
                                      .carved_ctx = l};
-    PVX_TRY(dmn_watch_new(&l->rig, l->S, &l->watch, d));
+    char rig_path[PATH_MAX];
+    dmn_config_path(c, c->rig, rig_path, sizeof rig_path);
+    PVX_TRY(dmn_watch_new(&l->rig, rig_path, c->saturated == 1, l->S, &l->watch, d));
     const struct dmn_previews_params vp = {.config = c,
                                            .rig = &l->rig,
                                            .S = l->S,
@@ -201,6 +205,10 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
                                            .rig_text = l->rig_text};
     PVX_TRY(dmn_previews_new(&vp, &l->previews, d));
     dmn_config_frame(c, &pp.frame);
+    if (pp.frame.selfcal != REC_SELFCAL_OFF)
+        PVX_TRY(rec_average_new(l->rig.n_cameras, l->S->binning, REC_AVERAGE_BLOCK,
+                                REC_AVERAGE_BLOCKS, &l->average));
+    pp.average = l->average;
     return dmn_pipeline_new(&pp, &l->pipeline, d);
 }
 
@@ -231,11 +239,12 @@ pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_
     return e;
 }
 
-pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d)
+pvx_err dmn_live_check(const struct dmn_config *cfg, double *matrix, struct pvx_diag *d)
 {
     dmn_live *l = live_empty(cfg);
     PVX_NEED(l);
     pvx_err e = pipeline_prepare(l, d);
+    *matrix = e == PVX_OK ? rec_sysmat_whole(&l->rig, &l->matrix) : 0;
     dmn_live_free(&l);
     return e;
 }
@@ -283,6 +292,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_beside_free(&l->beside);
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
+    rec_average_free(&l->average);   /* after the pipeline's solver, which uses it */
     dmn_watch_free(&l->watch);       /* after the pipeline, which offers it sets */
     dmn_previews_free(&l->previews); /* likewise */
     dmn_images_free(&l->images);
@@ -323,6 +333,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     out->binning = l->S->binning;
     out->rays = l->S->rays_per_bin;
     out->matrix_entries = l->S->nnz;
+    out->nch = dmn_config_channels(&l->cfg);
     out->n_cameras = l->rig.n_cameras;
     for (size_t c = 0; c < out->n_cameras; c++)
         snprintf(out->camera[c], sizeof out->camera[c], "%s", l->rig.cameras[c].name);
@@ -336,6 +347,23 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
 {
     return start ? dmn_recording_start(l->recording, path, where, size, d)
                  : dmn_recording_stop(l->recording, where, size, d);
+}
+
+pvx_err dmn_live_check_begin(dmn_live *l, struct pvx_diag *d)
+{
+    return dmn_watch_ask(l->watch, d);
+}
+
+void dmn_live_check_state(dmn_live *l, struct dmn_check_request *out)
+{
+    static struct dmn_state s; /* large; of one thread at a time */
+    memset(out, 0, sizeof *out);
+    if (l->watch == NULL)
+        return;
+    dmn_watch_asked(l->watch, out);
+    dmn_publish_state(&l->out, &s);
+    out->found.verdict.residual = s.report.solve.rel_residual;
+    out->found.verdict.noise = rec_frame_noise(&s.report, dmn_config_channels(&l->cfg));
 }
 
 static void live_health(void *ctx, uint32_t camera, struct cap_health *out)

@@ -17,8 +17,10 @@ typedef struct dmn_live dmn_live;
 PVX_MUST_CHECK pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth,
                                     rec_progress_fn progress, void *progress_ctx, dmn_live **out,
                                     struct pvx_diag *d);
-/* Checks all that can be wrong in `cfg` and the rig, without matrix, endpoints and cameras. */
-PVX_MUST_CHECK pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d);
+/* Checks all that can be wrong in `cfg` and the rig, without matrix, endpoints and cameras.  *matrix: about the bytes
+ * that the system matrix needs. */
+PVX_MUST_CHECK pvx_err dmn_live_check(const struct dmn_config *cfg, double *matrix,
+                                      struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d);
 /* Whether all sources have ended or were stopped, and everything is published. */
 bool dmn_live_finished(dmn_live *l);
@@ -44,6 +46,10 @@ PVX_MUST_CHECK pvx_err dmn_live_record_volumes(dmn_live *l, bool start, char *wh
  * From one thread at a time. */
 PVX_MUST_CHECK pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d);
 void dmn_live_background_state(dmn_live *l, struct dmn_background_state *out);
+/* Asks whether pictures and rig belong together; and the state of that request (watch.h), with the residual of the
+ * last set.  From one thread at a time. */
+PVX_MUST_CHECK pvx_err dmn_live_check_begin(dmn_live *l, struct pvx_diag *d);
+void dmn_live_check_state(dmn_live *l, struct dmn_check_request *out);
 /* The latency statistics start anew with the next volume. */
 void dmn_live_reset_latency(dmn_live *l);
 /* Longest time since a stage's last heartbeat, ns. */

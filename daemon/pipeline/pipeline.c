@@ -19,9 +19,11 @@ struct dmn_pipeline {
     rec_carver *carver; /* the carve stage's work areas */
     rec_solver *solver; /* the solve stage's */
     struct dmn_slot slot[DMN_N_SLOTS];
-    pvx_queue *idle, *to_solve, *to_sink;
+    rec_systems *systems[DMN_N_SYSTEMS];
+    pvx_queue *idle, *idle_systems, *to_solve, *to_sink;
     struct dmn_stage stage[DMN_N_STAGES];
-    struct dmn_slot *next; /* waits for a set; belongs to the carve stage */
+    struct dmn_slot *next; /* waits for a set, then with it for systems; the carve stage's own */
+    bool loaded;           /* `next` has a set */
 
     /* the last volume; belongs to the solve stage */
     struct rec_sparse prev;
@@ -80,11 +82,21 @@ void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t)
 
 /* ---- slots ---- */
 
+/* Both queues have as many places as things: putting back never displaces. */
+static void give_systems_back(dmn_pipeline *p, struct dmn_slot *s)
+{
+    rec_systems *y = rec_frame_give_back(s->frame);
+    void *gone;
+    if (y != NULL)
+        pvx_queue_put(p->idle_systems, y, &gone);
+}
+
 static void pipeline_give_back(dmn_pipeline *p, struct dmn_slot *s)
 {
-    rec_frame_reset(s->frame);
     void *gone;
-    pvx_queue_put(p->idle, s, &gone); /* as many places as slots: never displaces */
+    give_systems_back(p, s);
+    rec_frame_reset(s->frame);
+    pvx_queue_put(p->idle, s, &gone);
 }
 
 static void pipeline_drop(dmn_pipeline *p, struct dmn_slot *s, enum dmn_drop why)
@@ -116,27 +128,45 @@ static void hand_on(dmn_pipeline *p, pvx_queue *q, struct dmn_slot *s, enum dmn_
 
 /* ---- source and carve ---- */
 
-static bool carve(void *ctx)
+/* A slot with the next set in p->next, if it has none yet.  PVX_ETIMEDOUT: none yet, or lossless, all slots are in
+ * use. */
+static pvx_err load_next(dmn_pipeline *p)
 {
-    dmn_pipeline *p = ctx;
     void *item;
+    if (p->loaded)
+        return PVX_OK;
     if (p->next == NULL) {
-        if (pvx_queue_pop(p->idle, DMN_STAGE_WAIT_NS, &item) == PVX_ETIMEDOUT)
-            return true; /* lossless: all slots are in use */
+        PVX_TRY(pvx_queue_pop(p->idle, DMN_STAGE_WAIT_NS, &item));
         p->next = item;
     }
     struct dmn_slot *s = p->next;
     *s = (struct dmn_slot){.frame = s->frame, .why = DMN_N_DROP};
-    pvx_err e = p->a.source.next(p->a.source.ctx, s);
+    PVX_TRY(p->a.source.next(p->a.source.ctx, s));
+    atomic_fetch_add(&p->produced, 1 + s->passed_over);
+    atomic_fetch_add(&p->dropped[DMN_DROP_STALE], s->passed_over);
+    p->loaded = true;
+    return PVX_OK;
+}
+
+static bool carve(void *ctx)
+{
+    dmn_pipeline *p = ctx;
+    void *item;
+    pvx_err e = load_next(p);
     if (e == PVX_ETIMEDOUT)
         return true;
     if (e != PVX_OK) {
         pvx_queue_close(p->to_solve);
         return false;
     }
+    struct dmn_slot *s = p->next;
+    if (s->why == DMN_N_DROP) {
+        if (pvx_queue_pop(p->idle_systems, DMN_STAGE_WAIT_NS, &item) != PVX_OK)
+            return true; /* lossless: the solver has not yet ended */
+        rec_frame_lend(s->frame, item);
+    }
     p->next = NULL;
-    atomic_fetch_add(&p->produced, 1 + s->passed_over);
-    atomic_fetch_add(&p->dropped[DMN_DROP_STALE], s->passed_over);
+    p->loaded = false;
     int64_t t0 = pvx_now_mono();
     if (s->why == DMN_N_DROP) {
         tune_carve(p);
@@ -197,6 +227,7 @@ static bool pipeline_solve(void *ctx)
     struct dmn_slot *s = item;
     if (s->why == DMN_N_DROP)
         solve_slot(p, s);
+    give_systems_back(p, s);
     hand_on(p, p->to_sink, s, DMN_DROP_PUBLISH);
     return true;
 }
@@ -235,15 +266,22 @@ static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
     size_t waiting = a->waiting < 1 ? 1 : a->waiting,
            slots = DMN_N_SLOTS - DMN_WAITING_MAX + waiting;
     PVX_TRY(pvx_queue_new(DMN_N_SLOTS, &p->idle));
+    PVX_TRY(pvx_queue_new(DMN_N_SYSTEMS, &p->idle_systems));
     PVX_TRY(pvx_queue_new(waiting, &p->to_solve));
     PVX_TRY(pvx_queue_new(1, &p->to_sink));
     PVX_TRY(rec_carver_new(a->S, a->rig, &a->frame, a->pool, &p->carver, d));
     for (size_t c = 0; a->background != NULL && c < a->rig->n_cameras; c++)
         PVX_TRY(rec_carver_background(p->carver, c, a->background[c]));
     PVX_TRY(rec_solver_new(a->S, &a->frame, &p->solver, d));
+    rec_solver_average(p->solver, a->average);
     for (size_t i = 0; i < (a->lossless ? DMN_N_SLOTS_LOSSLESS : slots); i++) {
-        PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
+        PVX_TRY(rec_frame_new_bare(p->carver, p->solver, &p->slot[i].frame, d));
         pipeline_give_back(p, &p->slot[i]);
+    }
+    for (size_t i = 0; i < (a->lossless ? DMN_N_SYSTEMS_LOSSLESS : 2 + waiting); i++) {
+        void *gone;
+        PVX_TRY(rec_systems_new(p->carver, p->solver, &p->systems[i]));
+        pvx_queue_put(p->idle_systems, p->systems[i], &gone);
     }
     /* Reserve it even if no solve starts warm: a tuning may change that, and unused pages cost nothing. */
     size_t n = rec_grid_count(&a->S->grid);
@@ -304,9 +342,12 @@ void dmn_pipeline_free(dmn_pipeline **pp)
         return;
     for (size_t i = 0; i < DMN_N_SLOTS; i++)
         rec_frame_free(&p->slot[i].frame);
+    for (size_t i = 0; i < DMN_N_SYSTEMS; i++)
+        rec_systems_free(&p->systems[i]);
     rec_carver_free(&p->carver);
     rec_solver_free(&p->solver);
     pvx_queue_free(&p->idle);
+    pvx_queue_free(&p->idle_systems);
     pvx_queue_free(&p->to_solve);
     pvx_queue_free(&p->to_sink);
     if (p->prev_value != NULL)

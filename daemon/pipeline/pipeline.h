@@ -5,8 +5,8 @@
  *     one pool of workers for its loops
  *
  * While set k is solved, k+1 is carved and k-1 goes out.  A slot holds the data of one frame set and is used again
- * after it; work areas belong to the stages.  Sets come out in the order of the source.  Once started, it allocates
- * nothing.
+ * after it; work areas belong to the stages, and restricted systems circulate between carve and solve.  Sets come out
+ * in the order of the source.  Once started, it allocates nothing.
  * Live: newest wins - a full queue gives up its oldest set, counted by cause.
  * Lossless: a full queue holds the stage before it, back to the source, and every set reaches the sink,
  * also one that could not be solved.
@@ -15,6 +15,7 @@
 #define DMN_PIPELINE_H
 #include "daemon/control/state.h"
 #include "daemon/pipeline/deadline.h"
+#include "recon/solve/average.h"
 
 /* The machine may do something else for a moment, whose length does not depend on the cameras' rate.  Sets that come
  * within DMN_HICCUP_NS wait for the solver, DMN_WAITING_MAX at most, and are not stale.  The solver then takes half a
@@ -26,6 +27,10 @@
 #define DMN_N_SLOTS (5 + DMN_WAITING_MAX)
 /* Lossless gives up no set: one slot in each stage keeps all three at work, and one waits for the slowest. */
 #define DMN_N_SLOTS_LOSSLESS 4
+/* Restricted systems: of the set that is carved, of those that wait for the solver and of the one in it.  Lossless,
+ * none but the next waits: it is carved while this one is solved. */
+#define DMN_N_SYSTEMS          (2 + DMN_WAITING_MAX)
+#define DMN_N_SYSTEMS_LOSSLESS 2
 
 /* One frame set on its way; the stage that holds the pointer owns it. */
 struct dmn_slot {
@@ -64,6 +69,7 @@ struct dmn_pipeline_params { /* all pointers borrowed */
     const struct rec_rig *rig;
     pvx_pool *pool;
     struct rec_frame_params frame;
+    rec_average *average; /* corrections of the cameras for all sets; NULL: each set by itself */
     float *const *background; /* [cameras] as for rec_carver_background, copied; or NULL */
     bool lossless, warm;      /* warm: a solve starts from the volume before */
     size_t waiting;           /* sets before the solver, 1..DMN_WAITING_MAX; 0 is 1 */

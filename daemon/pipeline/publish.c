@@ -12,6 +12,28 @@
 #define STATUS_EVERY_NS PVX_NS_PER_S
 #define LOOK_EVERY_NS   (200 * PVX_NS_PER_MS)
 
+/* What changed in the corrections that all sets share (recon/solve/average.h). */
+static void say_corrections(const struct rec_rig *rig, const struct rec_selfcal_report *was,
+                            const struct rec_selfcal_report *is)
+{
+    bool before = was->sets > 0 && (was->gain || was->shift), now = is->gain || is->shift;
+    for (size_t c = 0; c < rig->n_cameras; c++)
+        if (is->camera[c].touched > was->camera[c].touched)
+            LOG_ABOUT(PVX_LOG_WARN, DAEMON,
+                      ABOUT(.cause = "touched", .camera = rig->cameras[c].name),
+                      "camera %s was touched: its gain or aim has changed; it is learnt anew",
+                      rig->cameras[c].name);
+    if (is->sets == 0 || before == now)
+        return;
+    if (now)
+        LOG_I(DAEMON,
+              "cameras are corrected, by the mean of %u sets: `pyrovox status` shows gains and "
+              "aims, `pyrovox calibrate gain` and `calibrate refine` mend the rig",
+              is->sets);
+    else
+        LOG_I(DAEMON, "cameras agree with the rig, nothing is corrected any more");
+}
+
 static bool publish_put(void *ctx, const struct dmn_slot *s)
 {
     struct dmn_publish *p = ctx;
@@ -41,6 +63,7 @@ static bool publish_put(void *ctx, const struct dmn_slot *s)
     if (atomic_exchange(&p->reset_latency, false))
         p->latency = (struct pvx_hist){0};
     pvx_hist_add(&p->latency, t1 - s->t_last_mono_ns);
+    say_corrections(p->rig, &p->report.selfcal, &r->selfcal);
     p->report = *r;
     dmn_votes_add(&p->votes, &r->vote, p->rig, &dmn_votes_log);
     p->last_set = s->set;

@@ -19,10 +19,10 @@ static cJSON *volume_file_pair(const float v[2])
     return cJSON_CreateFloatArray(v, 2);
 }
 
-/* Cameras in the rig's order; null: not estimated. */
-static void volume_file_selfcal(cJSON *o, const struct rec_selfcal_report *r)
+void dmn_selfcal_to_json(cJSON *o, const struct rec_selfcal_report *r)
 {
     cJSON *to = cJSON_AddObjectToObject(o, "selfcal");
+    cJSON_AddNumberToObject(to, "sets", r->sets);
     cJSON_AddBoolToObject(to, "gain", r->gain);
     cJSON_AddBoolToObject(to, "shift", r->shift);
     cJSON_AddItemToObject(to, "sigmas", cJSON_CreateDoubleArray(r->test, 2));
@@ -63,7 +63,7 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
     cJSON_AddNumberToObject(hull, "partial", (double)r->hull.partial);
     cJSON_AddNumberToObject(hull, "outside", (double)r->hull.outside);
     if (r->selfcal.cameras > 0)
-        volume_file_selfcal(o, &r->selfcal);
+        dmn_selfcal_to_json(o, &r->selfcal);
     cJSON *t = cJSON_AddObjectToObject(o, "ms");
     cJSON_AddNumberToObject(t, "photometry", volume_file_ms(r->photo_ns));
     cJSON_AddNumberToObject(t, "vote", volume_file_ms(r->vote_ns));

@@ -29,6 +29,8 @@ PVX_MUST_CHECK pvx_err dmn_volume_save(const char *path, const struct dmn_volume
 PVX_MUST_CHECK pvx_err dmn_volume_load(const char *path, struct rec_grid *grid, int *nch,
                                        float **dense, struct pvx_diag *d);
 
+/* Add "selfcal": what is known of the cameras, in the rig's order; null: nothing of this one. */
+void dmn_selfcal_to_json(cJSON *object, const struct rec_selfcal_report *r);
 /* Add the report's keys (solver, status, iterations, ..., ms) to a JSON object. */
 void dmn_report_to_json(cJSON *object, const struct rec_frame_report *r);
 

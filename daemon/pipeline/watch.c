@@ -1,8 +1,10 @@
 #include "daemon/pipeline/watch.h"
 
 #include <math.h>
+#include <limits.h>
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -13,13 +15,16 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "recon/check/drift.h"
+#include "recon/check/plausible.h"
 #include "recon/frame/inside.h"
 #include "recon/vote/wrong.h"
 
-#define LEAST    19  /* nice */
-#define REST     4   /* times as long as it worked */
-#define ACROSS   160 /* bins across its pictures, about */
-#define PATIENCE 2   /* checks */
+#define LEAST    19   /* nice */
+#define REST     4    /* times as long as it worked */
+#define ACROSS   160  /* bins across its pictures, about */
+#define PATIENCE 2    /* checks */
+#define DOUBT    0.02 /* share of the light outside the volume from which on hypotheses are tried */
+#define NONE_NS  (5 * PVX_NS_PER_S) /* without a set, until a request fails */
 
 /* What is kept of a frame set. */
 struct glimpse {
@@ -30,6 +35,8 @@ struct glimpse {
 
 struct dmn_watch {
     const struct rec_rig *rig;
+    char rig_path[PATH_MAX];
+    bool at_least;
     struct rec_rig lenient; /* for checks, which leave small displacements to the drift */
     const rec_sysmat *S;
     int32_t times; /* a bin of its pictures is times x times bins of S */
@@ -38,18 +45,27 @@ struct dmn_watch {
     struct glimpse *into; /* where the next set goes; owner as of more */
     int more;             /* sets still to come; offer owns it while wanted, else the thread */
     atomic_bool wanted, ending;
+    _Atomic int64_t wanted_ns; /* mono, since when the next set is waited for */
+    atomic_uint asked;         /* requests */
+    unsigned answered;         /* of these; the thread's */
     struct pvx_bell bell;
     pthread_t thread;
     bool started;
     /* the thread's */
     rec_check *check;
     rec_drift *drift;
+    rec_plausible *plausible;
+    enum rec_cause said; /* what is wrong with rig and pictures, as it was said */
+    bool asked_once;     /* whether they belong together, of sets with flame */
     const float *picture[REC_MAX_CAMERAS];
     struct rec_check_verdict verdict;
     int64_t since;        /* worked_ns when the check went on */
     pthread_mutex_t lock; /* of what follows */
     struct dmn_rig_state state[REC_MAX_CAMERAS];
     struct dmn_checks checks;
+    struct dmn_belong belong;
+    struct dmn_check_request request;
+    bool broken; /* the thread could not begin */
 };
 
 /* ---- the carve stage's side ---------------------------------------------------------------------- */
@@ -100,6 +116,7 @@ void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s)
     for (size_t c = 0; c < w->rig->n_cameras; c++)
         if ((g->mask >> c & 1) != 0)
             watch_copy(w, s->frame, c, g);
+    atomic_store(&w->wanted_ns, pvx_now_mono());
     if (--w->more > 0)
         return;
     atomic_store(&w->wanted, false);
@@ -108,11 +125,18 @@ void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s)
 
 /* ---- the thread ---------------------------------------------------------------------------------- */
 
+/* The watch ends, or a request waits. */
+static bool watch_hurry(const dmn_watch *w)
+{
+    return atomic_load(&w->ending) || atomic_load(&w->asked) != w->answered;
+}
+
 /* Wait for the next n sets; false: the watch ends. */
 static bool pipeline_take(dmn_watch *w, struct glimpse *into, int n)
 {
     w->into = into;
     w->more = n;
+    atomic_store(&w->wanted_ns, pvx_now_mono());
     atomic_store(&w->wanted, true);
     while (atomic_load(&w->wanted) && !atomic_load(&w->ending))
         pvx_bell_wait(&w->bell, INT64_MAX);
@@ -160,7 +184,7 @@ static int64_t worked_ns(void)
 static void rest(dmn_watch *w, int64_t worked)
 {
     int64_t until = pvx_now_mono() + REST * worked;
-    while (!atomic_load(&w->ending) && pvx_now_mono() < until)
+    while (!watch_hurry(w) && pvx_now_mono() < until)
         pvx_bell_wait(&w->bell, until);
 }
 
@@ -204,10 +228,10 @@ static bool pause_for_others(void *ctx, double done)
     int64_t worked = worked_ns() - w->since;
     (void)done;
     rest(w, worked);
-    for (size_t i = 0; i < w->rig->n_cameras && worked > 0 && !atomic_load(&w->ending); i++)
+    for (size_t i = 0; i < w->rig->n_cameras && worked > 0 && !watch_hurry(w); i++)
         worked -= pipeline_look(w);
     w->since = worked_ns();
-    return !atomic_load(&w->ending);
+    return !watch_hurry(w);
 }
 
 /* Doubted cameras stay out of the check's volumes: missing ones, those left out of all sets by the vote, those that
@@ -244,17 +268,81 @@ static void what_is_known(const dmn_watch *w, uint8_t known[REC_MAX_CAMERAS])
                                                     : REC_WRONG_NOTHING;
 }
 
+/* Hypotheses are worth their time. */
+static bool watch_doubts(const dmn_watch *w, const struct rec_plausible_verdict *facts)
+{
+    return !w->asked_once || w->said != REC_CAUSE_NONE || w->checks.n_wrong > 0 ||
+           w->kept[DMN_WATCH_SETS - 1].out != 0 || facts->cause != REC_CAUSE_NONE ||
+           facts->outside > DOUBT;
+}
+
+/* Whether the kept sets and the rig belong together.  A change is a line in the log. */
+static pvx_err watch_belong(dmn_watch *w, bool asked, struct dmn_belong *out)
+{
+    static const char take[] = "TAKE.h5"; /* of `pyrovox ctl record` */
+    rec_unseen *u = rec_check_unseen(w->check);
+    struct rec_plausible_verdict *v = &out->verdict;
+    char line[REC_PLAUSIBLE_LINE];
+    const int64_t t0 = worked_ns();
+    rec_plausible_begin(w->plausible);
+    for (int i = 0; i < DMN_WATCH_SETS; i++) {
+        rec_unseen_load(u, watch_pictures(w, &w->kept[i], w->kept[i].mask), true);
+        rec_plausible_add_unseen(w->plausible, u, w->kept[i].number);
+    }
+    PVX_TRY(rec_plausible_judge(w->plausible, REC_PLAUSIBLE_FACTS, w->rig_path, take, v));
+    const bool all = asked || watch_doubts(w, v);
+    if (all)
+        PVX_TRY(rec_plausible_judge(w->plausible, REC_PLAUSIBLE_HYPOTHESES, w->rig_path, take, v));
+    else
+        v->before = w->belong.verdict.before;
+    out->set = w->kept[DMN_WATCH_SETS - 1].number;
+    if (v->cause != REC_CAUSE_DARK) {
+        rec_plausible_line(v, line);
+        if (v->cause != w->said || (!w->asked_once && all))
+            LOG_ABOUT(v->cause == REC_CAUSE_NONE ? PVX_LOG_INFO : PVX_LOG_WARN, DAEMON,
+                      ABOUT(.cause = "implausible"), "pictures and rig: %s", line);
+        w->said = v->cause;
+        w->asked_once = true;
+        pthread_mutex_lock(&w->lock);
+        out->judged = w->belong.judged + 1;
+        w->belong = *out;
+        pthread_mutex_unlock(&w->lock);
+    }
+    if (!asked)
+        rest(w, worked_ns() - t0);
+    return PVX_OK;
+}
+
+static void watch_answer(dmn_watch *w)
+{
+    struct dmn_belong found = {.judged = 0};
+    unsigned n = atomic_load(&w->asked);
+    if (!pipeline_take(w, w->kept, DMN_WATCH_SETS))
+        return;
+    pvx_err e = watch_belong(w, true, &found);
+    pthread_mutex_lock(&w->lock);
+    w->request.state = e == PVX_OK ? DMN_TAKING_DONE : DMN_TAKING_FAILED;
+    w->request.found = found;
+    snprintf(w->request.why.text, sizeof w->request.why.text, "%s", pvx_strerror(e));
+    w->answered = n;
+    pthread_mutex_unlock(&w->lock);
+}
+
 static void watch_check(dmn_watch *w)
 {
     bool doubted[REC_MAX_CAMERAS];
     uint8_t known[REC_MAX_CAMERAS];
     struct dmn_checks_news news = {.verdict = &w->verdict, .known = known};
     struct pvx_diag why = {""};
+    struct dmn_belong belong;
     const struct rec_check_source sets = {DMN_WATCH_SETS, watch_get, pause_for_others, w, doubted};
     if (!whom_to_doubt(w, &news.mask, doubted))
         return;
+    pvx_err e = watch_belong(w, false, &belong);
     w->since = worked_ns();
-    pvx_err e = rec_check_run(w->check, &w->lenient, &sets, &w->verdict, &why);
+    PVX_THEN(e, rec_check_run(w->check, &w->lenient, &sets, &w->verdict, &why));
+    if (e == PVX_ECANCELED)
+        return;
     what_is_known(w, known);
     pthread_mutex_lock(&w->lock);
     if (e == PVX_OK)
@@ -282,6 +370,11 @@ static pvx_err watch_begin(dmn_watch *w, struct pvx_diag *d)
         *px = fmax(*px, rec_drift_off(&p, u.binning));
     }
     PVX_TRY(rec_check_new(&w->lenient, &u, NULL, &w->check, d));
+    if (rec_plausible_new(w->rig, u.binning, &w->plausible) != PVX_OK)
+        return pvx_fail(d, PVX_ENOMEM, "watch: out of memory");
+    if (w->at_least)
+        rec_plausible_at_least(w->plausible);
+    rec_plausible_stop(w->plausible, &w->ending);
     return rec_drift_new(rec_check_unseen(w->check), &p, &w->drift, d);
 }
 
@@ -289,20 +382,30 @@ static void *watch_run(void *arg)
 {
     dmn_watch *w = arg;
     struct pvx_diag why = {""};
+    struct dmn_belong first;
     setpriority(PRIO_PROCESS, 0,
                 LEAST); /* Linux: of this thread; if it is refused, the rests suffice */
     if (watch_begin(w, &why) != PVX_OK) {
         LOG_W(DAEMON, "cameras that go wrong are not noticed: %s", why.text);
+        pthread_mutex_lock(&w->lock);
+        w->broken = true;
+        pthread_mutex_unlock(&w->lock);
         return NULL;
     }
+    if (pipeline_take(w, w->kept, DMN_WATCH_SETS) && watch_belong(w, false, &first) == PVX_ENOMEM)
+        LOG_W(DAEMON, "rig and pictures are not compared: out of memory");
     while (!atomic_load(&w->ending)) {
+        if (watch_hurry(w)) {
+            watch_answer(w);
+            continue;
+        }
         bool all = true;
         for (int i = 0; i < DMN_WATCH_SETS && all; i += DMN_WATCH_RUN) {
-            for (size_t c = 0; c < w->rig->n_cameras; c++) /* the flame moves on meanwhile */
-                pipeline_look(w);
-            all = pipeline_take(w, &w->kept[i], DMN_WATCH_RUN);
+            for (size_t c = 0; c < w->rig->n_cameras && !watch_hurry(w); c++)
+                pipeline_look(w); /* the flame moves on meanwhile */
+            all = !watch_hurry(w) && pipeline_take(w, &w->kept[i], DMN_WATCH_RUN);
         }
-        if (all)
+        if (all && !watch_hurry(w))
             watch_check(w);
     }
     return NULL;
@@ -310,8 +413,8 @@ static void *watch_run(void *arg)
 
 /* ---- life ---------------------------------------------------------------------------------------- */
 
-pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S, dmn_watch **out,
-                      struct pvx_diag *d)
+pvx_err dmn_watch_new(const struct rec_rig *rig, const char *rig_path, bool at_least,
+                      const rec_sysmat *S, dmn_watch **out, struct pvx_diag *d)
 {
     *out = NULL;
     if (rig->n_cameras < REC_DRIFT_LEAST)
@@ -320,6 +423,8 @@ pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S, dmn_watch 
     if (w == NULL)
         return pvx_fail(d, PVX_ENOMEM, "watch: out of memory");
     w->rig = rig;
+    snprintf(w->rig_path, sizeof w->rig_path, "%s", rig_path);
+    w->at_least = at_least;
     w->S = S;
     pthread_mutex_init(&w->lock, NULL);
     pvx_bell_init(&w->bell);
@@ -363,6 +468,7 @@ void dmn_watch_free(dmn_watch **wp)
     pthread_mutex_destroy(&w->lock);
     rec_drift_free(&w->drift);
     rec_check_free(&w->check);
+    rec_plausible_free(&w->plausible);
     rec_rig_fini(&w->lenient);
     free(w->last.picture);
     PVX_FREE(*wp);
@@ -375,5 +481,42 @@ void dmn_watch_state(dmn_watch *w, struct dmn_state *out)
     pthread_mutex_lock(&w->lock);
     memcpy(out->rig, w->state, sizeof out->rig);
     out->checks = w->checks;
+    out->belong = w->belong;
     pthread_mutex_unlock(&w->lock);
+}
+
+/* ---- a request ---- */
+
+pvx_err dmn_watch_ask(dmn_watch *w, struct pvx_diag *d)
+{
+    if (w == NULL)
+        return pvx_fail(d, PVX_ENOENT,
+                        "fewer than %d cameras cannot contradict each other: nothing is checked",
+                        REC_DRIFT_LEAST);
+    pthread_mutex_lock(&w->lock);
+    bool broken = w->broken;
+    if (!broken && w->request.state != DMN_TAKING_NOW) {
+        w->request.state = DMN_TAKING_NOW;
+        w->request.request++;
+        atomic_fetch_add(&w->asked, 1);
+    }
+    pthread_mutex_unlock(&w->lock);
+    pvx_bell_ring(&w->bell);
+    return broken ? pvx_fail(d, PVX_ENOMEM, "no memory for a check") : PVX_OK;
+}
+
+void dmn_watch_asked(dmn_watch *w, struct dmn_check_request *out)
+{
+    pthread_mutex_lock(&w->lock);
+    if (w->request.state == DMN_TAKING_NOW && atomic_load(&w->wanted) &&
+        pvx_now_mono() - atomic_load(&w->wanted_ns) > NONE_NS) {
+        w->request.state = DMN_TAKING_FAILED;
+        pvx_fail(&w->request.why, PVX_ETIMEDOUT,
+                 "no frame set came for 5 s; look at `pyrovox status`");
+    }
+    *out = w->request;
+    pthread_mutex_unlock(&w->lock);
+    out->n_cameras = w->rig->n_cameras;
+    for (size_t c = 0; c < out->n_cameras; c++)
+        snprintf(out->camera[c], sizeof out->camera[c], "%s", w->rig->cameras[c].name);
 }

@@ -1,5 +1,6 @@
 #include "daemon/view/bridge.h"
 
+#include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -32,6 +33,8 @@ struct view_bridge {
     char said[PVX_DIAG_MAX]; /* the last trouble that was told, */
     int64_t said_ns;         /* and when, so that it is not told all the time */
     void (*say)(const char *line);
+    void (*verdict)(const char *json, size_t len, char out[VIEW_VERDICT_TEXT]);
+    char verdict_said[32 + 6 * VIEW_VERDICT_TEXT]; /* ,"verdict":"..."; "": none yet */
 };
 
 static void bridge_leave(struct view_bridge *b, struct seat *s);
@@ -144,6 +147,24 @@ static pvx_err put_poses(struct view_bridge *b, const void *msg, size_t len, str
     return e;
 }
 
+/* Keep a status message's verdict as a piece of JSON. */
+static void judge(struct view_bridge *b, const void *msg, size_t len)
+{
+    char text[VIEW_VERDICT_TEXT] = "";
+    const char *json;
+    size_t n;
+    b->verdict_said[0] = '\0';
+    if (b->verdict == NULL || pvp_decode_status(msg, len, &json, &n, NULL) != PVX_OK)
+        return;
+    b->verdict(json, n, text);
+    cJSON *j = text[0] != '\0' ? cJSON_CreateString(text) : NULL;
+    char *said = cJSON_PrintUnformatted(j);
+    if (said != NULL)
+        snprintf(b->verdict_said, sizeof b->verdict_said, ",\"verdict\":%s", said);
+    cJSON_free(said);
+    cJSON_Delete(j);
+}
+
 static void take_one(struct view_bridge *b, const struct pvp_header *h, const void *msg, size_t len)
 {
     struct pvx_diag d = {""};
@@ -154,6 +175,10 @@ static void take_one(struct view_bridge *b, const struct pvp_header *h, const vo
             if (b->seat[i].page != NULL)
                 view_page_count(b->seat[i].page, before);
     pvx_err e = view_shelf_put(b->shelf, h, msg, len, &d);
+    if (e == PVX_OK && h->type == PVP_STATUS)
+        judge(b, msg, len);
+    if (h->type == PVP_END)
+        b->verdict_said[0] = '\0';
     if (e == PVX_OK && h->type == PVP_RIG)
         e = put_poses(b, msg, len, &d);
     if (e == PVX_OK)
@@ -203,7 +228,7 @@ static void link_text(struct view_bridge *b, view_page *p, char *out, size_t siz
              "{\"link\":{\"received\":%llu,\"lost\":%llu,\"malformed\":%llu,\"unreadable\":%llu,"
              "\"silent_s\":%.1f,\"pages\":%llu,\"volumes_sent\":%llu,\"volumes_drawn\":%llu,"
              "\"superseded\":%llu,\"hidden\":%llu,\"drawn_ms\":%s,\"held_ms\":%s,"
-             "\"whole_ms\":%s}%s%s%s%s}",
+             "\"whole_ms\":%s}%s%s%s%s%s}",
              (unsigned long long)s->received, (unsigned long long)s->lost,
              (unsigned long long)s->malformed, (unsigned long long)b->stats.unreadable, silent,
              (unsigned long long)b->stats.pages_now, (unsigned long long)st->sent,
@@ -211,7 +236,7 @@ static void link_text(struct view_bridge *b, view_page *p, char *out, size_t siz
              (unsigned long long)st->hidden, bridge_ms(p, VIEW_DRAWN, now, drawn),
              bridge_ms(p, VIEW_HELD, now, held), bridge_ms(p, VIEW_WHOLE, now, whole),
              s->words[0] != '\0' ? "," : "", s->words, b->orders != NULL ? "," : "",
-             b->orders != NULL ? view_orders_text(b->orders) : "");
+             b->orders != NULL ? view_orders_text(b->orders) : "", b->verdict_said);
 }
 
 /* A page beyond the limit has the right token too, so it is told why it is closed. */
@@ -236,7 +261,7 @@ static void serve_pages(struct view_bridge *b)
     for (int i = 0; i < VIEW_SEATS; i++) {
         struct seat *s = &b->seat[i];
         struct view_words w;
-        char link[1024 + VIEW_ORDER_TEXT];
+        char link[1024 + VIEW_ORDER_TEXT + sizeof b->verdict_said];
         if (s->page == NULL)
             continue;
         if (view_page_read(s->page, &w)) {
@@ -289,6 +314,12 @@ void view_bridge_run(view_bridge *b, bool (*stop)(void *ctx), void (*say)(const 
         serve_pages(b);
         wait_for_more(b, more);
     }
+}
+
+void view_bridge_verdict(view_bridge *b,
+                         void (*verdict)(const char *json, size_t len, char out[VIEW_VERDICT_TEXT]))
+{
+    b->verdict = verdict;
 }
 
 void view_bridge_stats(const view_bridge *b, struct view_bridge_stats *out)

@@ -21,6 +21,7 @@ struct view_bridge_stats {
     struct view_page_stats gone; /* of pages that have left, volumes only */
 };
 typedef struct view_bridge view_bridge;
+#define VIEW_VERDICT_TEXT 1280
 /* p: gate, listen, cert and key.  orders NULL: pages can only look.  The bridge owns source and orders from now on,
  * on error too. */
 PVX_MUST_CHECK pvx_err view_bridge_new(const struct view_http_params *p,
@@ -31,5 +32,8 @@ const char *view_bridge_at(const view_bridge *b);
 /* Runs until stop returns true (asked five times a second).  say gets one line on what went wrong; may be NULL. */
 void view_bridge_run(view_bridge *b, bool (*stop)(void *ctx), void (*say)(const char *line),
                      void *ctx);
+/* What pages say of the daemon in one line: `verdict` writes it, given each status message's JSON.  Call before run. */
+void view_bridge_verdict(view_bridge *b, void (*verdict)(const char *json, size_t len,
+                                                         char out[VIEW_VERDICT_TEXT]));
 void view_bridge_stats(const view_bridge *b, struct view_bridge_stats *out);
 #endif

@@ -290,44 +290,24 @@ static bool make_columns(struct out *w)
     return ok;
 }
 
-/* Check that the file can be made, and make its folder. */
-static pvx_err hdf5_write_check(const char *path, struct pvx_diag *d)
-{
-    char dir[1200];
-    snprintf(dir, sizeof dir, "%s", path);
-    char *slash = strrchr(dir, '/');
-    if (slash != NULL && slash != dir) {
-        *slash = '\0';
-        PVX_TRY(pvx_mkdirs(dir, d));
-    }
-    return access(path, F_OK) != 0
-               ? PVX_OK
-               : pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", path);
-}
-
 static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_diag *d)
 {
-    PVX_TRY(hdf5_write_check(w->path, d));
-    w->room.fd = open(w->path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (w->room.fd < 0)
-        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
     hid_t fapl = take_h5_access(VOL_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
     /* All that closing changes lies in one piece, that of the root: else a cut at that moment leaves half of it. */
     H5Pset_attr_phase_change(fcpl, ROOT_MOST, 0);
     H5Pset_link_phase_change(fcpl, ROOT_MOST, 0);
     H5Pset_est_link_info(fcpl, ROOT_MOST, 16);
     H5Pset_small_data_block_size(fapl, 0); /* chunks lie in the order of the sets */
-    w->file = H5Fcreate(w->path, H5F_ACC_TRUNC, fcpl, fapl);
+    pvx_err e = take_h5_create(&w->room, w->path, fcpl, fapl, &w->file, d);
     H5Pclose(fcpl);
     H5Pclose(fapl);
-    pvx_err e = w->file < 0 ? hdf5_write_fail(w, "cannot be begun", d)
-                            : take_h5_reserve(&w->room, w->file, w->path, 0, d);
-    if (e == PVX_OK && (!vol_hdf5_head(w->file, head) || !make_emission(w) || !make_columns(w) ||
-                        !vol_hdf5_nexus(w->file, head) || H5Fstart_swmr_write(w->file) < 0))
-        e = hdf5_write_fail(w, "cannot be begun", d);
     if (e != PVX_OK)
-        unlink(w->path);
-    return e;
+        return e;
+    if (vol_hdf5_head(w->file, head) && make_emission(w) && make_columns(w) &&
+        vol_hdf5_nexus(w->file, head) && H5Fstart_swmr_write(w->file) >= 0)
+        return PVX_OK;
+    unlink(w->path);
+    return hdf5_write_fail(w, "cannot be begun", d);
 }
 
 static void hdf5_write_free_out(struct out *w)
@@ -425,7 +405,7 @@ static pvx_err hdf5_write_hdf5_close(void *self, struct pvx_diag *d)
     return e;
 }
 
-const struct vol_writer_ops vol_hdf5_writer = {.check = hdf5_write_check,
+const struct vol_writer_ops vol_hdf5_writer = {.check = take_h5_check,
                                                .open = hdf5_write_hdf5_open,
                                                .put = hdf5_put,
                                                .gap = hdf5_write_hdf5_gap,

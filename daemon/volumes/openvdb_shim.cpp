@@ -17,12 +17,13 @@
 
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
+#include <tbb/global_control.h>
 
 #include <nanovdb/util/GridChecksum.h>
 #include <nanovdb/util/GridValidator.h>
 #include <nanovdb/util/IO.h>
 
-#include "base/err.h"
+#include "base/guarded.hpp"
 #include "daemon/volumes/nanovdb_grids.h"
 
 namespace
@@ -39,31 +40,22 @@ using vol::leaf_cell;
 using vol::SIDE;
 constexpr float MOST_HALF = 65504;
 
-/* The library's texts may be long and have several lines. */
-int fail(int e, char *err, size_t err_size, const char *text) noexcept
+/* Runs f(); what it throws is an error of the file. */
+template <typename F> int vdb_guarded(char *err, size_t err_size, F f) noexcept
 {
-    snprintf(err, err_size, "%.200s", text);
-    for (char *p = err; *p != '\0'; p++)
-        if (static_cast<unsigned char>(*p) < ' ')
-            *p = ' ';
-    return e;
-}
-
-/* Run f() and turn whatever it throws into an error. */
-template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
-{
-    try {
-        openvdb::initialize();
-        return f();
-    } catch (const std::bad_alloc &) {
-        return fail(PVX_ENOMEM, err, err_size, "out of memory");
-    } catch (const std::length_error &) {
-        return fail(PVX_EFORMAT, err, err_size, "a length in it cannot be");
-    } catch (const std::exception &e) {
-        return fail(PVX_EFORMAT, err, err_size, e.what());
-    } catch (...) {
-        return fail(PVX_EFORMAT, err, err_size, "unknown failure in OpenVDB");
-    }
+    return guarded(
+        err, err_size,
+        [&]() -> int {
+            /* vdb_child.c forks.  A child has no threads of TBB, and would wait for those that its parent had. */
+            static const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+            openvdb::initialize();
+            try {
+                return f();
+            } catch (const std::length_error &) {
+                return fail(PVX_EFORMAT, err, err_size, "a length in it cannot be");
+            }
+        },
+        PVX_EFORMAT);
 }
 
 /* ---- bricks to leaves --------------------------------------------------------------------------- */
@@ -203,7 +195,7 @@ struct Archive : openvdb::io::Archive {
 
 int write_vdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return vdb_guarded(err, err_size, [&]() -> int {
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);
@@ -229,7 +221,7 @@ size_t nano_room(const vol_vdb_bricks *v) noexcept
 
 int nano_make(const vol_vdb_bricks *v, void *out, size_t *size, char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return vdb_guarded(err, err_size, [&]() -> int {
         *size = vol::nano_make(*v, notes_of(*v), out);
         return PVX_OK;
     });
@@ -253,7 +245,7 @@ Nano alone(const nanovdb::GridData *from)
 
 int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return vdb_guarded(err, err_size, [&]() -> int {
         const std::string notes = notes_of(*v);
         auto made = nanovdb::HostBuffer::create(vol::nano_room(*v, notes.size()));
         const size_t n = vol::nano_make(*v, notes, made.data());
@@ -458,7 +450,7 @@ int give(const Bricks &bricks, vol_vdb_bricks *v)
 
 int read_vdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return vdb_guarded(err, err_size, [&]() -> int {
         View bytes(data, len);
         std::istream is(&bytes);
         is.exceptions(std::ios::badbit | std::ios::eofbit | std::ios::failbit);
@@ -474,7 +466,7 @@ int read_vdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t 
 
 int read_nvdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return vdb_guarded(err, err_size, [&]() -> int {
         View bytes(data, len);
         std::istream is(&bytes);
         Flat flat;

@@ -7,6 +7,8 @@
 
 #include "recon/calib/priv.h"
 
+#define WRONG_PX 0.25 /* what glare or a hidden corner moves at least */
+
 void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_calib_what what,
                    int camera, uint32_t frame, const char *fmt, ...)
 {
@@ -98,15 +100,19 @@ static void say_pictures(struct calib *k)
             list);
 }
 
-/* 4 of 10^5 right corners are taken for wrong, so one in a hundred has another cause. */
+/* 4 of 10^5 right corners are taken for wrong, so one in a hundred has another cause.  On pictures without noise that
+ * cause is rounding, hundredths of a pixel: those corners are left out too, and nobody need look for glare. */
 static void say_wrong(struct calib *k)
 {
     size_t wrong = 0, all = 0;
-    for (size_t i = 0; i < k->nv; i++)
-        if (k->view[i].fate == REC_VIEW_USED) {
-            all += k->view[i].n;
-            wrong += k->out->view[k->view[i].in].wrong;
-        }
+    for (size_t i = 0; i < k->nv; i++) {
+        const struct view *v = &k->view[i];
+        if (v->fate != REC_VIEW_USED)
+            continue;
+        all += v->n;
+        for (const struct seen *s = k->seen + v->first; s < k->seen + v->first + v->n; s++)
+            wrong += s->wrong && !(hypot(s->r[0], s->r[1]) < WRONG_PX);
+    }
     if (100 * wrong > all)
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_PICTURES, -1, REC_NO_FRAME,
                       "%zu of %zu corners are wrong and left out: look for blur, glare, or "

@@ -1,9 +1,6 @@
 #include "recon/calib/shim.h"
 
-#include <cstdio>
-#include <exception>
 #include <memory>
-#include <new>
 #include <utility>
 #include <vector>
 
@@ -11,34 +8,21 @@
 #include <glog/logging.h>
 #include <opencv2/calib3d.hpp>
 
-#include "base/err.h"
+#include "base/guarded.hpp"
 
 namespace
 {
 
-int fail(int e, char *err, size_t err_size, const char *text)
+/* Runs f(); of what OpenCV throws the sentence is enough. */
+template <typename F> int calib_guarded(char *err, size_t err_size, F f) noexcept
 {
-    snprintf(err, err_size, "%s", text);
-    for (char *p = err; *p != '\0'; p++) /* OpenCV's texts may have several lines */
-        if (*p == '\n')
-            *p = ' ';
-    return e;
-}
-
-/* Run f() and turn any exception into an error. */
-template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
-{
-    try {
-        return f();
-    } catch (const std::bad_alloc &) {
-        return fail(PVX_ENOMEM, err, err_size, "out of memory");
-    } catch (const cv::Exception &e) {
-        return fail(PVX_EINVAL, err, err_size, e.err.c_str());
-    } catch (const std::exception &e) {
-        return fail(PVX_EIO, err, err_size, e.what());
-    } catch (...) {
-        return fail(PVX_EIO, err, err_size, "unknown failure in the calibration module");
-    }
+    return guarded(err, err_size, [&]() -> int {
+        try {
+            return f();
+        } catch (const cv::Exception &e) {
+            return fail(PVX_EINVAL, err, err_size, e.err.c_str());
+        }
+    });
 }
 
 /* One term, evaluated by the C function of the problem. */
@@ -93,7 +77,7 @@ std::unique_ptr<ceres::Problem> build(const rec_nls &p)
 
 int solve(const rec_nls *p, rec_nls_report *out, char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return calib_guarded(err, err_size, [&]() -> int {
         auto problem = build(*p);
         ceres::Solver::Options o;
         o.linear_solver_type = ceres::DENSE_SCHUR;
@@ -122,7 +106,7 @@ int solve(const rec_nls *p, rec_nls_report *out, char *err, size_t err_size) noe
 int covariance(const rec_nls *p, const uint32_t *list, size_t n, double *cov, char *err,
                size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return calib_guarded(err, err_size, [&]() -> int {
         auto problem = build(*p);
         std::vector<const double *> blocks;
         for (size_t i = 0; i < n; i++) {
@@ -151,7 +135,7 @@ cv::Mat points(const double *p, size_t n)
 int homography(const double *plane, const double *pixels, size_t n, double reach, double *H,
                char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return calib_guarded(err, err_size, [&]() -> int {
         cv::Mat h = cv::findHomography(points(plane, n), points(pixels, n), cv::RANSAC, reach);
         if (h.rows != 3 || h.cols != 3 || h.type() != CV_64F)
             return fail(PVX_EINVAL, err, err_size, "no homography");
@@ -164,7 +148,7 @@ int homography(const double *plane, const double *pixels, size_t n, double reach
 int planar(const double *plane, const double *ideal, size_t n, double *pose, int *n_poses,
            char *err, size_t err_size) noexcept
 {
-    return guarded(err, err_size, [&]() -> int {
+    return calib_guarded(err, err_size, [&]() -> int {
         std::vector<cv::Point3d> object;
         for (size_t i = 0; i < n; i++)
             object.emplace_back(plane[2 * i], plane[2 * i + 1], 0.0);

@@ -160,6 +160,15 @@ static double absorption_between(const struct search *s, size_t i)
     return depths[i] + 0.5 * (f0 * x1 * x1 - f1 * x0 * x0) / bend;
 }
 
+/* Standard error of F(0) - F(depth i), a sum over pictures. */
+static double absorption_unsure(const struct search *s, size_t i)
+{
+    double gain[sizeof s->error[0] / sizeof s->error[0][0]];
+    for (uint32_t v = 0; v < s->views; v++)
+        gain[v] = s->error[0][v] - s->error[i][v];
+    return rec_holdout_unsure(gain, s->views);
+}
+
 pvx_err rec_absorption_find(rec_unseen *u, const struct rec_check_source *sets,
                             struct rec_absorption *out, struct pvx_diag *d)
 {
@@ -183,14 +192,16 @@ pvx_err rec_absorption_find(rec_unseen *u, const struct rec_check_source *sets,
         out->brightest = s->brightest;
         out->depth = absorption_between(s, best);
         out->best = c_of(s, out->depth);
-        out->gain = fmax(absorption_total(s, 0) - absorption_total(s, best), 0) /
-                    fmax(absorption_total(s, 0) - s->noise, 1e-3 * absorption_total(s, 0) + 1e-300);
+        double of = fmax(absorption_total(s, 0) - s->noise, 1e-3 * absorption_total(s, 0) + 1e-300);
+        out->gain = fmax(absorption_total(s, 0) - absorption_total(s, best), 0) / of;
+        out->unsure = absorption_unsure(s, best) / of;
         out->noise = sqrt(s->noise / fmax(s->size, 1e-300));
         out->missed[0] = sqrt(absorption_total(s, 0) / fmax(s->size, 1e-300));
         out->missed[1] = sqrt(absorption_total(s, best) / fmax(s->size, 1e-300));
         for (uint32_t v = 0; v < s->views; v++)
             out->better += s->error[best][v] < s->error[0][v];
-        if (out->gain >= REC_ABSORPTION_GAIN && 4 * out->better >= 3 * out->views)
+        if (out->gain >= fmax(REC_ABSORPTION_GAIN, REC_ABSORPTION_SURE * out->unsure) &&
+            4 * out->better >= 3 * out->views)
             out->c = out->best;
     }
     free(s);

@@ -113,3 +113,15 @@ pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source *from,
     *ms = s.ms / (double)s.views;
     return PVX_OK;
 }
+
+double rec_holdout_unsure(const double *gain, size_t n)
+{
+    double sum = 0, scatter = 0;
+    for (size_t i = 0; i < n; i++)
+        sum += gain[i];
+    for (size_t i = 0; i < n; i++) {
+        double d = gain[i] - sum / (double)n;
+        scatter += d * d;
+    }
+    return n > 1 ? sqrt((double)n * scatter / (double)(n - 1)) : INFINITY;
+}

@@ -27,4 +27,7 @@ PVX_MUST_CHECK pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source 
 /* Cameras that see a flame in the set that is loaded. */
 size_t rec_holdout_who(const rec_unseen *u, bool *sees);
 
+/* Standard error of the sum of what n left-out pictures gain by a change, from how they differ; one: INFINITY. */
+double rec_holdout_unsure(const double *gain, size_t n);
+
 #endif

@@ -204,8 +204,12 @@ static void vote(rec_frame *f)
     for (size_t c = 0; c < f->S->n_cameras; c++)
         for (int l = 0; l < f->nch && f->believed[c]; l++)
             noise[c] += k->stats[c].sigma[l] * k->stats[c].sigma[l];
-    const struct rec_vote_set set = {
-        .channels = f->nch, .in = &in, .lit = f->lit, .present = f->believed, .noise = noise};
+    const struct rec_vote_set set = {.channels = f->nch,
+                                     .in = &in,
+                                     .lit = f->lit,
+                                     .present = f->believed,
+                                     .noise = noise,
+                                     .gains = rec_frame_corrects(&k->p) && !in.per_channel};
     rec_vote_take(k->vote, k->restrictor, &set, o);
     for (size_t c = 0; c < f->S->n_cameras; c++)
         if (o->out >> c & 1)

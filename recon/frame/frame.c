@@ -11,9 +11,46 @@ const struct rec_frame_params rec_frame_defaults = {.nch = 3,
                                                     .coarse_start = true,
                                                     .selfcal = REC_SELFCAL_ON};
 
+pvx_err rec_systems_new(const rec_carver *k, const rec_solver *s, rec_systems **out)
+{
+    rec_systems *y = *out = pvx_calloc(1, sizeof *y);
+    PVX_NEED(y);
+    int cs = k->p.nch == 3 ? 4 : 1;
+    pvx_err e = rec_subsys_new(k->S, &k->kernels, k->pool, cs, &y->sub);
+    if (e == PVX_OK && s->coarse)
+        e = rec_levels_new(k->S, &k->kernels, k->pool, cs, &y->levels);
+    if (e != PVX_OK)
+        rec_systems_free(out);
+    return e;
+}
+
+void rec_systems_free(rec_systems **yp)
+{
+    if (*yp == NULL)
+        return;
+    rec_subsys_free(&(*yp)->sub);
+    rec_levels_free(&(*yp)->levels);
+    PVX_FREE(*yp);
+}
+
+void rec_frame_lend(rec_frame *f, rec_systems *y)
+{
+    f->systems = y;
+    f->sub = y->sub;
+    f->levels = y->levels;
+}
+
+rec_systems *rec_frame_give_back(rec_frame *f)
+{
+    rec_systems *y = f->systems;
+    f->systems = NULL;
+    f->sub = NULL;
+    f->levels = NULL;
+    return y;
+}
+
 static pvx_err frame_allocate(rec_frame *f)
 {
-    const rec_carver *k = f->carver;
     f->b = pvx_calloc(f->rows * (size_t)f->cs, sizeof *f->b);
     f->weight = pvx_calloc(f->rows, sizeof *f->weight);
     f->lit = pvx_calloc(f->rows, 1);
@@ -25,12 +62,10 @@ static pvx_err frame_allocate(rec_frame *f)
     if (f->b == NULL || f->weight == NULL || f->lit == NULL || f->weight4 == NULL ||
         f->least == NULL || f->least_of == NULL || f->col == NULL || f->x == NULL)
         return PVX_ENOMEM;
-    PVX_TRY(rec_subsys_new(f->S, &k->kernels, k->pool, f->cs, &f->sub));
-    return f->solver->coarse ? rec_levels_new(f->S, &k->kernels, k->pool, f->cs, &f->levels)
-                             : PVX_OK;
+    return PVX_OK;
 }
 
-pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_diag *d)
+pvx_err rec_frame_new_bare(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_diag *d)
 {
     rec_frame *f = *out = pvx_calloc(1, sizeof *f);
     if (f == NULL)
@@ -49,6 +84,20 @@ pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_
         return e;
     }
     rec_frame_reset(f);
+    return PVX_OK;
+}
+
+pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_diag *d)
+{
+    PVX_TRY(rec_frame_new_bare(k, s, out, d));
+    rec_frame *f = *out;
+    pvx_err e = rec_systems_new(k, s, &f->own);
+    if (e != PVX_OK) {
+        pvx_fail(d, e, "frame: systems of %zu voxels: %s", f->voxels, pvx_strerror(e));
+        rec_frame_free(out);
+        return e;
+    }
+    rec_frame_lend(f, f->own);
     return PVX_OK;
 }
 
@@ -88,8 +137,7 @@ void rec_frame_free(rec_frame **fp)
     pvx_unreserve(f->least_of, f->rows);
     pvx_unreserve(f->col, f->voxels * sizeof *f->col);
     pvx_unreserve(f->x, f->voxels * (size_t)f->cs * sizeof *f->x);
-    rec_subsys_free(&f->sub);
-    rec_levels_free(&f->levels);
+    rec_systems_free(&f->own);
     PVX_FREE(*fp);
 }
 
@@ -97,8 +145,10 @@ void rec_frame_reset(rec_frame *f)
 {
     memset(f->camera, 0, sizeof f->camera);
     f->per_channel = f->any_least = false;
-    f->sub->n = f->sub->rows = 0;
-    f->sub->nnz = 0;
+    if (f->sub != NULL) {
+        f->sub->n = f->sub->rows = 0;
+        f->sub->nnz = 0;
+    }
     f->report = (struct rec_frame_report){0};
     f->report.solve.status = REC_EMPTY;
 }
@@ -118,7 +168,7 @@ void rec_frame_volume(const rec_frame *f, struct rec_sparse *out)
     *out = (struct rec_sparse){.grid = &f->S->grid,
                                .nch = f->nch,
                                .cs = f->cs,
-                               .n = f->sub->n,
+                               .n = (int32_t)f->report.active_voxels,
                                .index = f->col,
                                .value = f->x};
 }

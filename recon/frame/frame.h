@@ -12,6 +12,7 @@
  * its solver. */
 #ifndef REC_FRAME_H
 #define REC_FRAME_H
+#include <math.h>
 #include "recon/carve/hull.h"
 #include "recon/carve/photo.h"
 #include "recon/geom/rig.h"
@@ -62,6 +63,13 @@ struct rec_frame_report {
 static inline int64_t rec_frame_total_ns(const struct rec_frame_report *r)
 {
     return r->photo_ns + r->vote_ns + r->hull_ns + r->restrict_ns + r->solve_ns;
+}
+
+/* The relative residual that noise alone leaves, with nch channels; 0: not known. */
+static inline double rec_frame_noise(const struct rec_frame_report *r, int nch)
+{
+    double norm = r->solve.rel_residual > 0 ? r->solve.residual_norm / r->solve.rel_residual : 0;
+    return norm > 0 ? (double)r->sigma * sqrt((double)r->active_rays * nch) / norm : 0;
 }
 
 /* Sparse volume: values [n][cs] (cs = 1 or 4, first nch lanes count) at voxels index[n] ascending;

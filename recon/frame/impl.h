@@ -5,7 +5,7 @@
 
 #include "recon/frame/inside.h"
 #include "recon/solve/levels.h"
-#include "recon/solve/selfcal.h"
+#include "recon/solve/average.h"
 #include "recon/solve/solve.h"
 #include "recon/solve/temporal.h"
 #include "recon/vote/vote.h"
@@ -35,7 +35,13 @@ struct rec_solver {
     struct rec_descent descent; /* with `coarse` */
     enum rec_selfcal_mode mode;
     rec_selfcal *selfcal;   /* or NULL: off */
+    rec_average *average;   /* borrowed, or NULL: every set by itself */
     rec_temporal *temporal; /* or NULL: off */
+};
+
+struct rec_systems {
+    struct rec_subsys *sub;
+    rec_levels *levels; /* with solver->coarse */
 };
 
 struct rec_frame {
@@ -58,10 +64,11 @@ struct rec_frame {
     uint8_t *least_of;
     bool any_least;
 
-    int32_t *col; /* [voxels] */
-    struct rec_subsys *sub;
-    rec_levels *levels; /* with solver->coarse */
-    float *x;           /* [voxels][cs] */
+    int32_t *col;               /* [voxels] */
+    float *x;                   /* [voxels][cs] */
+    rec_systems *own, *systems; /* of rec_frame_new; those it has now.  Each may be NULL */
+    struct rec_subsys *sub;     /* the members of `systems`, or NULL */
+    rec_levels *levels;
     struct rec_frame_report report;
 };
 

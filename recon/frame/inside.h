@@ -4,10 +4,29 @@
 #define REC_FRAME_INSIDE_H
 #include "recon/frame/frame.h"
 #include "recon/matrix/subsys.h"
+#include "recon/solve/average.h"
 
 /* rec_carver_background without a copy.  The carver takes *bg, which is of pvx_calloc or NULL, and gives the
  * background before it to the caller in *bg.  Allocates and frees nothing.  camera < the rig's. */
 void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg);
+
+/* Whether sets of these parameters have gain and aim corrected (recon/solve/selfcal.h), where the matrix has coarser
+ * grids. */
+bool rec_frame_corrects(const struct rec_frame_params *p);
+/* From the next set on the solver corrects cameras by `a` and tells it what it sees; NULL: every set by itself.
+ * Borrowed; several solvers of one rig may share it.  Call on the solve stage's thread, between sets. */
+void rec_solver_average(rec_solver *s, rec_average *a);
+
+/* What a slot needs only from its carving to the end of its solve: the restricted systems of all levels, two thirds of
+ * its memory.  A slot of rec_frame_new_bare has none, and is lent some before it is carved.  It keeps its volume and
+ * report when it gives them back.  They are for slots of this carver and solver.  Errors: PVX_ENOMEM. */
+typedef struct rec_systems rec_systems;
+PVX_MUST_CHECK pvx_err rec_systems_new(const rec_carver *k, const rec_solver *s, rec_systems **out);
+void rec_systems_free(rec_systems **y);
+PVX_MUST_CHECK pvx_err rec_frame_new_bare(rec_carver *k, rec_solver *s, rec_frame **out,
+                                          struct pvx_diag *d);
+void rec_frame_lend(rec_frame *f, rec_systems *y);
+rec_systems *rec_frame_give_back(rec_frame *f); /* NULL: it has none */
 
 /* Restricted system and right-hand side of the carved frame.  A camera that was voted out has its
  * right-hand side and weight 0. */

@@ -7,6 +7,12 @@
 #include "recon/frame/impl.h"
 #include "recon/solve/start.h"
 
+bool rec_frame_corrects(const struct rec_frame_params *p)
+{
+    return p->selfcal != REC_SELFCAL_OFF && p->coarse_start &&
+           rec_solver_is_default(p->solve.solver);
+}
+
 pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p, rec_solver **out,
                        struct pvx_diag *d)
 {
@@ -19,7 +25,7 @@ pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p, re
     if (e == PVX_OK && s->coarse)
         e = rec_descent_init(&s->descent, S, p->nch);
     s->mode = p->selfcal;
-    if (e == PVX_OK && s->coarse && s->mode != REC_SELFCAL_OFF)
+    if (e == PVX_OK && s->coarse && rec_frame_corrects(p))
         e = rec_selfcal_new(S, &s->selfcal);
     if (e == PVX_OK)
         rec_selfcal_attach(s->problem, s->selfcal);
@@ -85,6 +91,43 @@ static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool an
     }
 }
 
+void rec_solver_average(rec_solver *s, rec_average *a)
+{
+    s->average = a;
+}
+
+/* The corrections that the next set starts from. */
+static void solver_correct(rec_solver *s)
+{
+    struct rec_selfcal_given given;
+    enum rec_selfcal_how how = REC_SELFCAL_ALONE;
+    if (s->selfcal == NULL)
+        return;
+    if (s->average != NULL)
+        how = rec_average_given(s->average, &given);
+    rec_selfcal_begin(s->selfcal, s->mode, how, s->average != NULL ? &given : NULL);
+}
+
+/* What the set, or the average with it, knows of the cameras.  A solve that its deadline ended early leaves more than
+ * the cameras do, and is not averaged. */
+static void solver_tell(rec_solver *s, const struct rec_solve_report *r,
+                        struct rec_selfcal_report *out)
+{
+    struct rec_selfcal_look look[REC_MAX_CAMERAS];
+    if (s->selfcal == NULL)
+        return;
+    rec_selfcal_tell(s->selfcal, out);
+    if (s->average == NULL)
+        return;
+    rec_selfcal_look(s->selfcal, look);
+    if (r->status != REC_DEADLINE || r->renewals > 0)
+        rec_average_add(s->average, look);
+    struct rec_selfcal_report of_all;
+    rec_average_tell(s->average, &of_all);
+    if (of_all.sets > 0)
+        *out = of_all;
+}
+
 pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_sparse *previous)
 {
     int64_t t0 = pvx_now_mono();
@@ -99,8 +142,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     bool expect = warm && f->solver->temporal != NULL;
     if (warm && !expect)
         earlier_volume(f, previous);
-    if (f->solver->selfcal != NULL)
-        rec_selfcal_begin(f->solver->selfcal, f->solver->mode);
+    solver_correct(f->solver);
     bool any = rec_problem_load(problem, f->sub, &in);
     solver_start(f, &p, any, warm && !expect);
     f->report.temporal = 0;
@@ -110,8 +152,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
         f->report.temporal = rec_temporal_expect(f->solver->temporal, problem, &v, f->x);
     }
     pvx_err e = rec_solve(problem, &p, f->x, &f->report.solve);
-    if (f->solver->selfcal != NULL)
-        rec_selfcal_tell(f->solver->selfcal, &f->report.selfcal);
+    solver_tell(f->solver, &f->report.solve, &f->report.selfcal);
     f->report.solve_ns = pvx_now_mono() - t0;
     return e;
 }

@@ -11,6 +11,9 @@
 #define LITTLE  0.5 /* mean share; if the cameras see less, another reading is believed that shows */
 #define WHOLE   0.9  /* this much */
 #define MIDDLE  0.12 /* of the picture's size: a principal point is this near to its middle */
+#define ODD     1.5  /* fx over fy, or the other way round, is less */
+#define SQUARE  1.25 /* the same, where the order of K is beyond doubt */
+#define ALIKE   0.03 /* cx and cy as shares of the picture, of their sum */
 #define GREATER 6 /* times a camera's distance from the origin: a volume in other units is larger */
 #define EACH    0.95 /* a reading that changes one thing more must show more by this */
 #define TRIED   5    /* points along each side of the volume: for readings, */
@@ -32,14 +35,21 @@ static const struct {
     {1e3, "the volume is in millimetres (give min and max / 1000)"},
     {1e2, "the volume is in centimetres (give min and max / 100)"},
 };
+/* by 0: such that cx and cy are in the middle of the picture. */
 static const struct {
     double by;
+    int order[4]; /* place of fx, fy, cx, cy in the K that is given */
     const char *words;
 } lenses[] = {
-    {1, NULL},
-    {0.5, "K is that of pictures of twice the size (give K / 2)"},
-    {0.25, "K is that of pictures of four times the size (give K / 4)"},
-    {2, "K is that of pictures of half the size (give K * 2)"},
+    {1, {0, 1, 2, 3}, NULL},
+    {0.5, {0, 1, 2, 3}, "K is that of pictures of twice the size (give K / 2)"},
+    {0.25, {0, 1, 2, 3}, "K is that of pictures of four times the size (give K / 4)"},
+    {2, {0, 1, 2, 3}, "K is that of pictures of half the size (give K * 2)"},
+    {0,
+     {0, 1, 2, 3},
+     "K is in millimetres or that of pictures of another size (give it in pixels)"},
+    {1, {0, 2, 1, 3}, "K is in the order fx, cx, fy, cy (give fx, fy, cx, cy)"},
+    {1, {2, 3, 0, 1}, "K is in the order cx, cy, fx, fy (give fx, fy, cx, cy)"},
 };
 #define COUNT(a) (sizeof(a) / sizeof *(a))
 
@@ -56,10 +66,23 @@ static int blind_changes(struct reading w)
     return (w.pose != AS_GIVEN) + w.opengl + (w.unit > 0) + (w.lens > 0);
 }
 
+static void blind_read_lens(struct rec_camera *c, size_t lens)
+{
+    const double K[4] = {c->fx, c->fy, c->cx, c->cy};
+    const int *at = lenses[lens].order;
+    double k = lenses[lens].by;
+    if (!(k > 0)) /* mean of both directions */
+        k = 0.5 * (c->width / (2 * c->cx + 1) + c->height / (2 * c->cy + 1));
+    c->fx = K[at[0]] * k;
+    c->fy = K[at[1]] * k;
+    c->cx = (K[at[2]] + 0.5) * k - 0.5;
+    c->cy = (K[at[3]] + 0.5) * k - 0.5;
+}
+
 static struct rec_camera blind_read(const struct rec_camera *c, struct reading w)
 {
     struct rec_camera o = *c;
-    double t[3], k = lenses[w.lens].by;
+    double t[3];
     for (int i = 0; i < 3; i++)
         o.t[i] = t[i] = c->t[i] * units[w.unit].by;
     for (int i = 0; i < 9 && (w.pose == TO_WORLD || w.pose == TRANSPOSED); i++)
@@ -71,10 +94,8 @@ static struct rec_camera blind_read(const struct rec_camera *c, struct reading w
         for (int j = 0; j < 3; j++)
             o.R[3 * i + j] = -o.R[3 * i + j];
     }
-    o.fx *= k;
-    o.fy *= k;
-    o.cx = (c->cx + 0.5) * k - 0.5;
-    o.cy = (c->cy + 0.5) * k - 0.5;
+    if (w.lens > 0)
+        blind_read_lens(&o, w.lens);
     return o;
 }
 
@@ -89,18 +110,36 @@ static double blind_off_middle(const struct rec_camera *c, const struct rec_grid
                : 0;
 }
 
+static bool blind_in_middle(const struct rec_camera *c)
+{
+    return fabs((c->cx + 0.5) / c->width - 0.5) < MIDDLE &&
+           fabs((c->cy + 0.5) / c->height - 0.5) < MIDDLE;
+}
+
+/* Pixels that are not square, or a principal point that is not in the picture. */
+static bool blind_odd(const struct rec_camera *c)
+{
+    const double wide = c->fx / c->fy;
+    return wide > SQUARE || wide < 1 / SQUARE || c->cx < 0 || c->cy < 0 || c->cx > c->width ||
+           c->cy > c->height;
+}
+
 /* Once the lens is read so, and not before, the principal point is near the middle of the picture.  The volume is
  * nearer to it than before.  In pictures that are cut from larger ones it is not. */
 static bool blind_lens_fits(const struct rec_camera *c, const struct rec_grid *g, size_t lens)
 {
     struct rec_camera as = blind_read(c, (struct reading){.lens = lens});
-    const double at[2] = {(c->cx + 0.5) / c->width, (c->cy + 0.5) / c->height};
-    bool before = true, then = true;
-    for (int a = 0; a < 2; a++) {
-        before = before && fabs(at[a] - 0.5) < MIDDLE;
-        then = then && fabs(at[a] * lenses[lens].by - 0.5) < MIDDLE;
-    }
-    return then && !before && blind_off_middle(&as, g) <= blind_off_middle(c, g);
+    const double wide = as.fx / as.fy, across = (c->cx + 0.5) / c->width,
+                 down = (c->cy + 0.5) / c->height;
+    if (!(lenses[lens].by > 0) && fabs(across - down) > ALIKE * (across + down))
+        return false; /* cut out of a larger picture */
+    if (lenses[lens].order[0] + lenses[lens].order[1] != 1 && !blind_odd(c))
+        return false; /* a right order gives a right lens */
+    for (size_t k = 1; k < lens && !(lenses[lens].by > 0); k++)
+        if (blind_lens_fits(c, g, k))
+            return false; /* the better known one */
+    return blind_in_middle(&as) && !blind_in_middle(c) && wide < ODD && wide > 1 / ODD &&
+           blind_off_middle(&as, g) <= blind_off_middle(c, g);
 }
 
 /* The volume is so much larger than the camera's distance from the origin that their units may differ. */
@@ -205,7 +244,9 @@ static int blind_nth(size_t i, struct reading *w)
                           .unit = i / N_POSES / 2 % COUNT(units),
                           .lens = i / N_POSES / 2 / COUNT(units)};
     int n = blind_changes(*w);
-    return w->lens == 0 || n == 1 ? n : 0;
+    if (w->lens > 0 && n > 1)
+        return 0;
+    return lenses[w->lens].by > 0 ? n : 2; /* any size explains more than a certain one */
 }
 
 /* The reading by which they see most.  Few cameras fit many readings, so one alone is tried with one change. */
@@ -243,11 +284,12 @@ __attribute__((format(printf, 2, 3))) static void blind_say(struct words *w, con
 
 static void blind_say_reading(struct words *w, struct reading r)
 {
-    const char *all[] = {
-        pose_words[r.pose],
-        r.opengl ? "the camera's axes are OpenGL's (change the signs of rows 2 and 3 of R and t)"
-                 : NULL,
-        units[r.unit].words, lenses[r.lens].words};
+#define OPENGL "the camera's axes are OpenGL's (change the signs of rows 2 and 3 of R and t)"
+    const char *axes = !r.opengl               ? NULL
+                       : blind_changes(r) == 1 ? OPENGL
+                           ", or it looks away from the flame (those of rows 1 and 3)"
+                                               : OPENGL;
+    const char *all[] = {pose_words[r.pose], axes, units[r.unit].words, lenses[r.lens].words};
     const char *join = "if ";
     for (size_t i = 0; i < COUNT(all); i++)
         if (all[i] != NULL) {
@@ -276,6 +318,24 @@ static void blind_say_kind(struct words *w, const struct rec_rig *r, uint64_t se
     blind_say(w, "%s", w->n > 0 ? "; " : "");
     blind_say_cameras(w, r, set);
     blind_say(w, ": %s", one);
+}
+
+/* The principal points of all cameras are near the middle of pictures of [h, w] only. */
+static enum rec_blind blind_size(const struct rec_rig *r, struct words *w)
+{
+    for (size_t c = 0; c < r->n_cameras; c++) {
+        struct rec_camera as = r->cameras[c];
+        as.width = r->cameras[c].height;
+        as.height = r->cameras[c].width;
+        if (!blind_in_middle(&as) || blind_in_middle(&r->cameras[c]))
+            return REC_BLIND_NONE;
+    }
+    blind_say(
+        w,
+        "cx and cy of all cameras are near the middle of their pictures only if width and height "
+        "are swapped (give size: [%d, %d])",
+        r->cameras[0].height, r->cameras[0].width);
+    return REC_BLIND_SOME;
 }
 
 /* A K for smaller pictures still shows the volume, too small and beside the middle. */
@@ -325,6 +385,28 @@ static enum rec_blind blind_beside(const struct rec_rig *r, struct words *w)
     return REC_BLIND_SOME;
 }
 
+/* Two cameras in one place with one view: most often an entry that was copied. */
+static enum rec_blind blind_twins(const struct rec_rig *r, struct words *w)
+{
+    for (size_t a = 0; a < r->n_cameras; a++)
+        for (size_t b = a + 1; b < r->n_cameras; b++) {
+            const struct rec_camera *q = &r->cameras[a], *o = &r->cameras[b];
+            double apart = 0, size = 0;
+            for (int i = 0; i < 9; i++)
+                apart = fmax(apart, fabs(q->R[i] - o->R[i]));
+            for (int i = 0; i < 3; i++)
+                size = fmax(size, fabs(q->t[i]));
+            for (int i = 0; i < 3; i++)
+                apart = fmax(apart, fabs(q->t[i] - o->t[i]) / size);
+            if (apart > 1e-6)
+                continue;
+            blind_say(w, "%s and %s have the same R and t: was one copied from the other?", q->name,
+                      o->name);
+            return REC_BLIND_SOME;
+        }
+    return REC_BLIND_NONE;
+}
+
 enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
 {
     struct words w = {text, size, 0};
@@ -347,7 +429,10 @@ enum rec_blind rec_rig_blind(const struct rec_rig *r, char *text, size_t size)
     }
     const size_t n = (size_t)__builtin_popcountll(blind);
     if (n == 0 && sum >= LITTLE * (double)all)
-        return blind_lens(r, &w) != REC_BLIND_NONE ? REC_BLIND_SOME : blind_beside(r, &w);
+        return blind_size(r, &w) != REC_BLIND_NONE || blind_lens(r, &w) != REC_BLIND_NONE ||
+                       blind_beside(r, &w) != REC_BLIND_NONE
+                   ? REC_BLIND_SOME
+                   : blind_twins(r, &w);
     const uint64_t every = all < 64 ? ((uint64_t)1 << all) - 1 : UINT64_MAX;
     struct trial t = blind_best(r, every, 3);
     bool fits = t.sum >= WHOLE * (double)all && sum < LITTLE * (double)all;

@@ -66,10 +66,8 @@ bool rec_mesh_inside(const struct rec_mesh *m, const double x[3]);
 void rec_mesh_box(const struct rec_mesh *m, double min[3], double max[3]);
 uint64_t rec_mesh_hash(const struct rec_mesh *m); /* XXH3-64 of its corners */
 
-/* Reads a mesh file; corners are multiplied by `scale`.  STL: text or binary.  PLY: text or binary of either byte
- * order; only its vertices and faces are used.  Its polygons become triangles; polygons that are bent inwards are
- * refused.  A surface whose longest side is over a hundred times `side` [m] is refused: the file is in millimetres.
- * `path` is relative to the working directory.
+/* Reads an STL file, text or binary; corners are multiplied by `scale`.  A surface whose longest side is over a hundred
+ * times `side` [m] is refused: the file is in millimetres.  `path` is relative to the working directory.
  * Errors: PVX_ENOENT, PVX_EPERM, PVX_EIO, PVX_EFORMAT (also: cut off), PVX_EINVAL, PVX_ENOMEM; diag: one sentence
  * with the remedy. */
 PVX_MUST_CHECK pvx_err rec_mesh_load(const char *path, double scale, double side,

@@ -190,10 +190,17 @@ static pvx_err read_distortion(const struct reader *r, int m, const char *path,
                              "should have 0, 4, 5, 8, 12 or 14 numbers "
                              "(k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]), not %zu",
                              n);
-    for (size_t i = 0; i < n; i++)
+    size_t whole = 0, zero = 0;
+    for (size_t i = 0; i < n; i++) {
+        whole += k[i] == floor(k[i]);
+        zero += k[i] == 0;
         if (fabs(k[i]) > 1e6)
             return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d, "%g is outside -1e6..1e6",
                                  k[i]);
+    }
+    if (n == 8 && whole == n && zero < n) /* [-0,2, 0,1, 0,0, 0,0] */
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "all 8 are whole numbers: write 0.5, not 0,5");
     for (size_t i = 8; i < n; i++)
         if (k[i] != 0)
             return pvx_yaml_fail(

@@ -10,7 +10,7 @@
  *                uncertainty: { px, px_95, voxels, voxels_95 } (optional; struct rec_uncertainty) }
  *   bodies:  (optional: opaque bodies in the flame or in front of it; body.h; metres)
  *            - { name, box: { min: [3], max: [3] } }  or  { name, cylinder: { from: [3], to: [3], radius } }
- *            or { name, mesh: FILE.stl or .ply (relative to this file), scale: m per unit (1) }
+ *            or { name, mesh: FILE.stl (relative to this file), scale: m per unit (1) }
  * Distortion is in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty.  s (thin prism) and t (tilted sensor) must
  * be 0.  Four numbers with |p| > 0.02 need a `model`: they may be a fisheye's k1 k2 k3 k4.
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and

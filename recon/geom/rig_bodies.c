@@ -96,7 +96,7 @@ static pvx_err read_mesh(const struct reader *r, int body, int node, const char 
         side = fmax(side, g->max[a] - g->min[a]);
     if (pvx_yaml_kind(r->y, node) != PVX_YAML_SCALAR)
         return pvx_yaml_fail(r->y, node, path, PVX_EFORMAT, r->d,
-                             "should be the name of an STL or PLY file");
+                             "should be the name of an STL file");
     const char *file = pvx_yaml_text(r->y, node);
     if (file[strcspn(file, "\"\\")] != '\0' || find_file(r, file, b->file) != PVX_OK)
         return pvx_yaml_fail(r->y, node, path, PVX_EINVAL, r->d,

@@ -80,6 +80,10 @@ PVX_MUST_CHECK pvx_err rec_sysmat_estimate_active(const struct rec_rig *rig,
                                                   struct rec_active_estimate *out,
                                                   struct pvx_diag *d);
 
+/* About the bytes of the whole matrix while it is built: 2x2 or 3x4 windows and 5.4 entries a voxel and camera
+ * (NUMERICS.md, 16). */
+double rec_sysmat_whole(const struct rec_rig *rig, const struct rec_sysmat_params *resolved);
+
 /* As rec_sysmat_build, where the limit of 2^32-1 entries applies to the kept ones.  Takes over the outline with its
  * marks; *outline becomes NULL. */
 PVX_MUST_CHECK pvx_err rec_sysmat_build_active(const struct rec_rig *rig, rec_sysmat **outline,

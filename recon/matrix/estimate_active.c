@@ -153,3 +153,24 @@ pvx_err rec_sysmat_estimate_active(const struct rec_rig *rig, const rec_sysmat *
         pvx_fail(d, e, "out of memory while the system matrix is estimated");
     return e == PVX_ECANCELED ? pvx_fail(d, e, "stopped while the system matrix was estimated") : e;
 }
+
+double rec_sysmat_whole(const struct rec_rig *rig, const struct rec_sysmat_params *p)
+{
+    const struct rec_grid *g = &rig->grid;
+    double at_most = 0, slots = (double)((rig->n_cameras + 3) / 4 * 4);
+    for (size_t c = 0; c < rig->n_cameras; c++) { /* largest side of a voxel in bins */
+        const struct rec_camera *k = &rig->cameras[c];
+        double x[3], d2 = 0, h = 0;
+        rec_camera_centre(k, x);
+        for (int a = 0; a < 3; a++) {
+            double d = x[a] - 0.5 * (g->min[a] + g->max[a]);
+            d2 += d * d;
+            h = fmax(h, rec_grid_h(g, a));
+        }
+        at_most = fmax(at_most, d2 > 0 ? fmax(k->fx, k->fy) * h / sqrt(d2) / p->binning : 0);
+    }
+    double side = g->basis == REC_TRILINEAR ? 2 * at_most + 1 : at_most + 1;
+    double entries = fmax(0.55 * side * side, 1), more = entries > 12 ? 28 * entries / 6 : 0;
+    double voxels = (double)rec_grid_count(g) * 8 / 7, cameras = (double)rig->n_cameras;
+    return voxels * (cameras * (5 * entries + sizeof(struct rec_rect) + more) + slots * 16);
+}

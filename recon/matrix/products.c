@@ -7,58 +7,19 @@
 /* The first of a slab's further windows that is of column q or later. */
 static const struct rec_more *more_from(const struct rec_subsys *a, int32_t slab, int32_t q)
 {
-    const struct rec_more *at = a->win.more + a->more_at[slab];
-    const struct rec_more *end = a->win.more + a->more_end[slab];
-    while (at < end) {
-        const struct rec_more *mid = at + (end - at) / 2;
-        if (mid->column < (uint32_t)q)
-            at = mid + 1;
-        else
-            end = mid;
-    }
-    return at;
+    const struct rec_more_run run = {a->win.more + a->more_at[slab],
+                                     a->win.more + a->more_end[slab]};
+    return rec_more_from(run, (uint32_t)q);
 }
 
-/* x[q] += unit * sum of w y, y += w x[q], of further windows of columns [q0,q1) of a slab, in
- * cameras [c0,c1). */
-REC_INLINE bool is_of(const struct rec_more *k, struct rec_cameras c)
+/* y += w x[q] of the further windows of a slab. */
+static void scatter_more(const struct rec_subsys *a, size_t slab, struct rec_slots slots,
+                         const float *x, float *y)
 {
-    return (int32_t)k->slot >= c.c0 && (int32_t)k->slot < c.c1;
-}
-struct more_run {
-    const struct rec_more *at, *end;
-};
-REC_INLINE void adjoint_more(const struct rec_windows *m, struct more_run run, struct rec_cameras c,
-                             const float *y, float *x, size_t cs)
-{
-    for (const struct rec_more *k = run.at; k < run.end; k++) {
-        rec_f4 sum = {0};
-        if (!is_of(k, c))
-            continue;
-        for (int r = 0, i = 0; r < m->high; r++)
-            for (int j = 0; j < m->wide; j++, i++)
-                sum += rec_splat(k->w[i]) *
-                       rec_ld(y, k->at + (size_t)r * (size_t)m->pitch[k->slot] + (size_t)j, cs);
-        rec_st(x, k->column, cs, rec_ld(x, k->column, cs) + rec_splat(m->unit) * sum);
-    }
-}
-REC_INLINE void add_more(const struct rec_windows *m, const struct rec_more *k, rec_f4 x, float *y,
-                         size_t cs)
-{
-    for (int r = 0, i = 0; r < m->high; r++)
-        for (int j = 0; j < m->wide; j++, i++) {
-            size_t at = k->at + (size_t)r * (size_t)m->pitch[k->slot] + (size_t)j;
-            rec_st(y, at, cs, rec_ld(y, at, cs) + rec_splat(k->w[i]) * x);
-        }
-}
-REC_INLINE void scatter_more(const struct rec_subsys *a, size_t slab, struct rec_cameras c,
-                             const float *x, float *y, size_t cs)
-{
-    for (uint32_t o = a->more_at[slab]; o < a->more_end[slab]; o++) {
-        const struct rec_more *k = &a->win.more[o];
-        if (is_of(k, c))
-            add_more(&a->win, k, rec_ld(x, k->column, cs), y, cs);
-    }
+    const struct rec_more_run run = {a->win.more + a->more_at[slab],
+                                     a->win.more + a->more_end[slab]};
+    if (run.at < run.end)
+        (a->cs == 4 ? a->k->scatter4_more : a->k->scatter1_more)(&a->win, slots, run, x, y);
 }
 
 void rec_adjoint_cameras(const struct rec_subsys *a, struct rec_cameras c, const float *y,
@@ -67,9 +28,9 @@ void rec_adjoint_cameras(const struct rec_subsys *a, struct rec_cameras c, const
     const struct rec_slots slots = {c.c0, c.c1};
     (a->cs == 4 ? a->k->adjoint4 : a->k->adjoint1)(&a->win, slots, q0, q1, y, x);
     for (int32_t s = 0; s < a->slabs && a->win.n_more > 0; s++) {
-        const struct more_run run = {more_from(a, s, q0), more_from(a, s, q1)};
-        a->cs == 4 ? adjoint_more(&a->win, run, c, y, x, 4)
-                   : adjoint_more(&a->win, run, c, y, x, 1);
+        const struct rec_more_run run = {more_from(a, s, q0), more_from(a, s, q1)};
+        if (run.at < run.end)
+            (a->cs == 4 ? a->k->adjoint4_more : a->k->adjoint1_more)(&a->win, slots, run, y, x);
     }
 }
 void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1, float *x)
@@ -110,7 +71,7 @@ void rec_add_forward_alone(const struct rec_subsys *a, struct rec_cameras c, con
     const struct rec_slots slots = {c.c0, c.c1};
     (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, 0, a->n, x, y);
     for (size_t s = 0; s < (size_t)a->slabs && a->win.n_more > 0; s++)
-        a->cs == 4 ? scatter_more(a, s, c, x, y, 4) : scatter_more(a, s, c, x, y, 1);
+        scatter_more(a, s, slots, x, y);
 }
 void rec_forward_alone(const struct rec_subsys *a, const float *x, float *y)
 {
@@ -129,7 +90,7 @@ static void scatter_slab(void *ctx, size_t slab)
     int32_t q0, q1;
     rec_slab_range(a, slab, &q0, &q1);
     (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, q0, q1, t->x, y);
-    a->cs == 4 ? scatter_more(a, slab, t->c, t->x, y, 4) : scatter_more(a, slab, t->c, t->x, y, 1);
+    scatter_more(a, slab, slots, t->x, y);
 }
 
 void rec_scatter_cameras(const struct rec_subsys *a, struct rec_images *im, struct rec_cameras c,
@@ -165,17 +126,20 @@ void rec_add_column(const struct rec_subsys *a, const struct rec_images *im, siz
                     rec_f4 e)
 {
     const struct rec_slots slots = {0, a->win.slots};
-    const struct more_run run = {more_from(a, (int32_t)slab, q),
-                                 more_from(a, (int32_t)slab, q + 1)};
     struct rec_windows one = a->win; /* as if the column were the first */
     size_t first = (size_t)q * (size_t)one.slots;
     const float *x = (const float *)&e;
     one.at += first;
     one.w += first * rec_window_size(&one);
     (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&one, slots, 0, 1, x, im->of[slab]);
-    for (const struct rec_more *k = run.at; k < run.end; k++)
-        a->cs == 4 ? add_more(&a->win, k, e, im->of[slab], 4)
-                   : add_more(&a->win, k, e, im->of[slab], 1);
+    for (const struct rec_more *k = more_from(a, (int32_t)slab, q),
+                               *end = a->win.more + a->more_end[slab];
+         k < end && k->column == (uint32_t)q; k++) {
+        struct rec_more moved = *k;
+        moved.column = 0;
+        (a->cs == 4 ? a->k->scatter4_more : a->k->scatter1_more)(
+            &one, slots, (struct rec_more_run){&moved, &moved + 1}, x, im->of[slab]);
+    }
 }
 
 /* ---- columns ------------------------------------------------------------------------------------ */
@@ -218,7 +182,7 @@ static void norms_chunk(void *ctx, size_t chunk)
         for (int32_t s = 0; s < a->slabs && m->n_more > 0; s++) {
             const struct rec_more *k = more_from(a, s, q), *end = m->more + a->more_end[s];
             for (; k < end && k->column == (uint32_t)q; k++)
-                if (is_of(k, t->c))
+                if (rec_more_is_of(k, (struct rec_slots){t->c.c0, t->c.c1}))
                     weigh_window(t, k->at, k->slot, k->w, &d2, &d1);
         }
         if (t->d2 != NULL)

@@ -235,18 +235,37 @@ static float norm_of(const struct rec_subsys *a, double w2)
     return (float)((double)a->S->unit * a->S->unit * w2);
 }
 
-/* Sum of the weights, of their squares, number of those not 0: exact in integers, for any cut into slabs. */
+/* Sum of the weights, of their squares, number of those not 0: exact in integers, for any cut into slabs.  n is a
+ * multiple of 16. */
 struct sums {
     uint32_t w, w2, n;
 };
 static struct sums sums_of(const uint8_t *w, size_t n)
 {
     struct sums s = {0};
+#ifdef __SSE2__
+    const __m128i zero = _mm_setzero_si128(), one = _mm_set1_epi8(1);
+    __m128i sum = zero, sum2 = zero, count = zero;
+    for (size_t i = 0; i < n; i += 16) {
+        __m128i v = _mm_loadu_si128((const void *)(w + i));
+        __m128i low = _mm_unpacklo_epi8(v, zero), high = _mm_unpackhi_epi8(v, zero);
+        low = _mm_add_epi32(_mm_madd_epi16(low, low), _mm_madd_epi16(high, high));
+        sum2 = _mm_add_epi32(sum2, low);
+        sum = _mm_add_epi64(sum, _mm_sad_epu8(v, zero));
+        count = _mm_add_epi64(count, _mm_sad_epu8(_mm_min_epu8(v, one), zero));
+    }
+    sum2 = _mm_add_epi32(sum2, _mm_unpackhi_epi64(sum2, sum2));
+    sum2 = _mm_add_epi32(sum2, _mm_shuffle_epi32(sum2, 1));
+    s.w = (uint32_t)_mm_cvtsi128_si32(_mm_add_epi64(sum, _mm_unpackhi_epi64(sum, sum)));
+    s.w2 = (uint32_t)_mm_cvtsi128_si32(sum2);
+    s.n = (uint32_t)_mm_cvtsi128_si32(_mm_add_epi64(count, _mm_unpackhi_epi64(count, count)));
+#else
     for (size_t i = 0; i < n; i++) {
         s.w += w[i];
         s.w2 += (uint32_t)w[i] * w[i];
         s.n += w[i] != 0;
     }
+#endif
     return s;
 }
 static void add_sums(struct rec_slab *s, struct sums d)
@@ -260,37 +279,25 @@ static void add_sums(struct rec_slab *s, struct sums d)
 static void add_norms(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1)
 {
     size_t bytes = (size_t)a->win.slots * rec_window_size(&a->win); /* a multiple of 16 */
-#ifdef __SSE2__
-    const __m128i zero = _mm_setzero_si128(), one = _mm_set1_epi8(1);
-    __m128i sum = zero, count = zero;
-    for (int32_t q = q0; q < q1; q++) {
-        const uint8_t *w = a->win.w + (size_t)q * bytes;
-        __m128i sum2 = zero;
-        for (size_t i = 0; i < bytes; i += 16) {
-            __m128i v = _mm_loadu_si128((const void *)(w + i));
-            __m128i low = _mm_unpacklo_epi8(v, zero), high = _mm_unpackhi_epi8(v, zero);
-            low = _mm_add_epi32(_mm_madd_epi16(low, low), _mm_madd_epi16(high, high));
-            sum2 = _mm_add_epi32(sum2, low);
-            sum = _mm_add_epi64(sum, _mm_sad_epu8(v, zero));
-            count = _mm_add_epi64(count, _mm_sad_epu8(_mm_min_epu8(v, one), zero));
-        }
-        sum2 = _mm_add_epi32(sum2, _mm_unpackhi_epi64(sum2, sum2));
-        sum2 = _mm_add_epi32(sum2, _mm_shuffle_epi32(sum2, 1));
-        uint32_t w2 = (uint32_t)_mm_cvtsi128_si32(sum2);
-        a->norm2[q] = norm_of(a, w2);
-        s->sum2 += w2;
-    }
-    s->sum += (uint64_t)_mm_cvtsi128_si32(_mm_add_epi64(sum, _mm_unpackhi_epi64(sum, sum)));
-    s->nnz += (uint64_t)_mm_cvtsi128_si32(_mm_add_epi64(count, _mm_unpackhi_epi64(count, count)));
-#else
     for (int32_t q = q0; q < q1; q++) {
         struct sums d = sums_of(a->win.w + (size_t)q * bytes, bytes);
         a->norm2[q] = norm_of(a, d.w2);
         add_sums(s, d);
     }
-#endif
 }
 
+/* The first of S's further windows from number `from` on that is of this column or a later one.  It is near. */
+static size_t more_of(const struct rec_windows *m, size_t from, uint32_t column)
+{
+    size_t step = 1, end;
+    if (from == m->n_more || m->more[from].column >= column)
+        return from;
+    for (; step < m->n_more - from && m->more[from + step].column < column; step *= 2)
+        from += step;
+    end = step < m->n_more - from ? from + step : m->n_more;
+    const struct rec_more_run run = {m->more + from + 1, m->more + end};
+    return (size_t)(rec_more_from(run, column) - m->more);
+}
 /* Copies the further windows of the slab's columns to the place where S has those of its first one: there cannot be
  * more. */
 static void copy_more(struct restriction *t, size_t slab, const struct marks *marks, int32_t q0,
@@ -298,29 +305,23 @@ static void copy_more(struct restriction *t, size_t slab, const struct marks *ma
 {
     struct rec_subsys *a = t->a;
     const struct rec_windows *m = &a->S->win;
-    uint32_t from = 0, end = m->n_more, to;
-    while (q0 < q1 && from < end) { /* first of column col[q0] or later */
-        uint32_t mid = from + (end - from) / 2;
-        if (m->more[mid].column < (uint32_t)a->col[q0])
-            from = mid + 1;
-        else
-            end = mid;
+    size_t from = q0 < q1 ? more_of(m, 0, (uint32_t)a->col[q0]) : 0, to = from;
+    a->more_at[slab] = (uint32_t)to;
+    for (int32_t q = q0; q < q1; q++) {
+        from = more_of(m, from, (uint32_t)a->col[q]);
+        for (; from < m->n_more && m->more[from].column == (uint32_t)a->col[q]; from++) {
+            struct rec_more k = m->more[from];
+            if (!a->present[k.slot])
+                continue;
+            struct sums d = sums_of(k.w, sizeof k.w);
+            k.column = (uint32_t)q;
+            a->win.more[to++] = k;
+            mark_window(marks, m, k.at, k.slot, not_zero(k.w, sizeof k.w));
+            a->norm2[q] += norm_of(a, d.w2);
+            add_sums(&t->r->slab[slab], d);
+        }
     }
-    a->more_at[slab] = to = from;
-    for (int32_t q = q0; q < q1 && from < m->n_more; from++) {
-        struct rec_more k = m->more[from];
-        while (q < q1 && (uint32_t)a->col[q] < k.column)
-            q++;
-        if (q == q1 || (uint32_t)a->col[q] != k.column || !a->present[k.slot])
-            continue;
-        struct sums d = sums_of(k.w, sizeof k.w);
-        k.column = (uint32_t)q;
-        a->win.more[to++] = k;
-        mark_window(marks, m, k.at, k.slot, not_zero(k.w, sizeof k.w));
-        a->norm2[q] += norm_of(a, d.w2);
-        add_sums(&t->r->slab[slab], d);
-    }
-    a->more_end[slab] = to;
+    a->more_end[slab] = (uint32_t)to;
 }
 
 /* End of the run that begins with column q. */

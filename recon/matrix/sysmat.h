@@ -171,7 +171,8 @@ PVX_MUST_CHECK pvx_err rec_sysmat_load(const char *path, uint64_t key, bool veri
                                        rec_sysmat **out, struct pvx_diag *d);
 
 /* The cached matrix if it exists, is sound and belongs to this rig; otherwise builds and caches it.  `path` NULL =
- * $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file sysmat-<key>.pvxm.  A damaged or stale file is
+ * $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file sysmat-<key>.pvxm; there the files used last are
+ * kept, of at most $PYROVOX_CACHE_MAX GB (default 5).  A damaged or stale file is
  * logged and rebuilt (but a file given by `path` that never was a matrix is not overwritten: PVX_EFORMAT).  If the
  * cache cannot be written, that is logged and the matrix is used from memory. */
 PVX_MUST_CHECK pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_params *p,

@@ -27,6 +27,7 @@ struct rec_kernels {
     rec_gather_fn gather1, gather4;
     rec_windows_adjoint_fn adjoint1, adjoint4;
     rec_windows_scatter_fn scatter1, scatter4;
+    rec_windows_more_fn adjoint1_more, adjoint4_more, scatter1_more, scatter4_more;
     enum pvx_cpu cpu; /* instruction set that other loops may use too */
 };
 

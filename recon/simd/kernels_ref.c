@@ -72,16 +72,53 @@ static inline void kernels_ref_scatter(const struct rec_windows *m, struct rec_s
     }
 }
 
-#define WITH_CHANNELS(cs)                                                                 \
-    static void kernels_ref_adjoint##cs(const struct rec_windows *m, struct rec_slots s,  \
-                                        int32_t q0, int32_t q1, const float *y, float *x) \
-    {                                                                                     \
-        kernels_ref_adjoint(m, s, q0, q1, y, x, cs);                                      \
-    }                                                                                     \
-    static void kernels_ref_scatter##cs(const struct rec_windows *m, struct rec_slots s,  \
-                                        int32_t q0, int32_t q1, const float *x, float *y) \
-    {                                                                                     \
-        kernels_ref_scatter(m, s, q0, q1, x, y, cs);                                      \
+/* A column's further windows follow one another; their sum is added to the column once. */
+static inline void kernels_ref_adjoint_more(const struct rec_windows *m, struct rec_slots s,
+                                            struct rec_more_run run, const float *y, float *x,
+                                            int cs)
+{
+    for (const struct rec_more *k = run.at; k < run.end;) {
+        double sum[4] = {0};
+        uint32_t q = k->column;
+        for (; k < run.end && k->column == q; k++)
+            if (rec_more_is_of(k, s))
+                gather_window(m, (int32_t)k->slot, k->w, y + (size_t)k->at * (size_t)cs, cs, sum);
+        for (int l = 0; l < cs; l++) {
+            float *to = &x[(size_t)q * (size_t)cs + (size_t)l];
+            *to = (float)(*to + m->unit * sum[l]);
+        }
+    }
+}
+static inline void kernels_ref_scatter_more(const struct rec_windows *m, struct rec_slots s,
+                                            struct rec_more_run run, const float *x, float *y,
+                                            int cs)
+{
+    for (const struct rec_more *k = run.at; k < run.end; k++)
+        if (rec_more_is_of(k, s))
+            scatter_window(m, (int32_t)k->slot, k->w, x + (size_t)k->column * (size_t)cs, cs,
+                           y + (size_t)k->at * (size_t)cs);
+}
+
+#define WITH_CHANNELS(cs)                                                                         \
+    static void kernels_ref_adjoint##cs(const struct rec_windows *m, struct rec_slots s,          \
+                                        int32_t q0, int32_t q1, const float *y, float *x)         \
+    {                                                                                             \
+        kernels_ref_adjoint(m, s, q0, q1, y, x, cs);                                              \
+    }                                                                                             \
+    static void kernels_ref_scatter##cs(const struct rec_windows *m, struct rec_slots s,          \
+                                        int32_t q0, int32_t q1, const float *x, float *y)         \
+    {                                                                                             \
+        kernels_ref_scatter(m, s, q0, q1, x, y, cs);                                              \
+    }                                                                                             \
+    static void kernels_ref_adjoint##cs##_more(const struct rec_windows *m, struct rec_slots s,   \
+                                               struct rec_more_run run, const float *y, float *x) \
+    {                                                                                             \
+        kernels_ref_adjoint_more(m, s, run, y, x, cs);                                            \
+    }                                                                                             \
+    static void kernels_ref_scatter##cs##_more(const struct rec_windows *m, struct rec_slots s,   \
+                                               struct rec_more_run run, const float *x, float *y) \
+    {                                                                                             \
+        kernels_ref_scatter_more(m, s, run, x, y, cs);                                            \
     }
 WITH_CHANNELS(1)
 WITH_CHANNELS(4)
@@ -94,4 +131,8 @@ void rec_kernels_ref(struct rec_kernels *k)
     k->adjoint4 = kernels_ref_adjoint4;
     k->scatter1 = kernels_ref_scatter1;
     k->scatter4 = kernels_ref_scatter4;
+    k->adjoint1_more = kernels_ref_adjoint1_more;
+    k->adjoint4_more = kernels_ref_adjoint4_more;
+    k->scatter1_more = kernels_ref_scatter1_more;
+    k->scatter4_more = kernels_ref_scatter4_more;
 }

@@ -7,6 +7,7 @@
  * Private to the solvers. */
 #ifndef REC_WIDE_H
 #define REC_WIDE_H
+#include <math.h>
 #include <string.h>
 
 #include "recon/simd/lanes.h"
@@ -89,6 +90,16 @@ REC_INLINE rec_fw rec_wide_select(rec_iw mask, rec_fw a, rec_fw b)
     return _mm256_blendv_ps(b, a, (__m256)mask);
 #else
     return rec_select(mask, a, b);
+#endif
+}
+REC_INLINE rec_fw rec_wide_root(rec_fw a)
+{
+#ifdef __AVX2__
+    return _mm256_sqrt_ps(a);
+#elif defined(__SSE2__)
+    return _mm_sqrt_ps(a);
+#else
+    return (rec_fw){sqrtf(a[0]), sqrtf(a[1]), sqrtf(a[2]), sqrtf(a[3])};
 #endif
 }
 /* Whether the mask holds in floats 4h ... 4h+3; everywhere. */

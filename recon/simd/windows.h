@@ -14,6 +14,7 @@
  * Shapes: 2x2, 2x4, 3x4, 4x4 (rows x columns).  Slots are the cameras, rounded up to whole groups of 4. */
 #ifndef REC_WINDOWS_H
 #define REC_WINDOWS_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -61,6 +62,28 @@ typedef void (*rec_windows_adjoint_fn)(const struct rec_windows *m, struct rec_s
                                        int32_t q1, const float *y, float *x);
 typedef void (*rec_windows_scatter_fn)(const struct rec_windows *m, struct rec_slots s, int32_t q0,
                                        int32_t q1, const float *x, float *y);
+/* The same with further windows, for both products; they add to `out`. */
+struct rec_more_run {
+    const struct rec_more *at, *end;
+};
+typedef void (*rec_windows_more_fn)(const struct rec_windows *m, struct rec_slots s,
+                                    struct rec_more_run run, const float *in, float *out);
+static inline bool rec_more_is_of(const struct rec_more *k, struct rec_slots s)
+{
+    return (int32_t)k->slot >= s.s0 && (int32_t)k->slot < s.s1;
+}
+/* The first of a run, which ascends by column, that is of this column or a later one; run.end if none is. */
+static inline const struct rec_more *rec_more_from(struct rec_more_run run, uint32_t column)
+{
+    while (run.at < run.end) {
+        const struct rec_more *mid = run.at + (run.end - run.at) / 2;
+        if (mid->column < column)
+            run.at = mid + 1;
+        else
+            run.end = mid;
+    }
+    return run.at;
+}
 
 #ifdef __cplusplus
 }

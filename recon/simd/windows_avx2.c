@@ -265,12 +265,115 @@ INLINE void scatter1_2x2(const struct rec_windows *m, struct rec_slots s, int32_
     }
 }
 
+/* ---- further windows ----------------------------------------------------------------------------- */
+
+INLINE void adjoint4_more_of(const struct rec_windows *m, struct rec_slots s,
+                             struct rec_more_run run, const float *y, float *x, int high, int wide)
+{
+    const __m128 unit = _mm_set1_ps(m->unit);
+    struct walk p;
+    walk_from(&p, m, (struct rec_slots){0, m->slots}, 0, 0, 4);
+    for (const struct rec_more *k = run.at; k < run.end;) {
+        __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
+        uint32_t q = k->column;
+        for (; k < run.end && k->column == q; k++) {
+            const float *v = y + (size_t)k->at * 4;
+            size_t pitch = p.pitch[k->slot];
+            if (!rec_more_is_of(k, s))
+                continue;
+            for (int r = 0; r < high; r += 2, v += 2 * pitch) {
+                __m256 w = weights8(k->w + wide * r);
+                a = _mm256_fmadd_ps(spread(w, 0), _mm256_loadu_ps(v), a);
+                if (wide == 2) {
+                    b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(v + pitch), b);
+                    break;
+                }
+                b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(v + 8), b);
+                if (r + 1 == high)
+                    break;
+                c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(v + pitch), c);
+                d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(v + pitch + 8), d);
+            }
+        }
+        a = _mm256_add_ps(_mm256_add_ps(a, b), _mm256_add_ps(c, d));
+        float *to = x + (size_t)q * 4;
+        _mm_store_ps(to, _mm_fmadd_ps(unit, fold(a), _mm_load_ps(to)));
+    }
+}
+INLINE void scatter4_more_of(const struct rec_windows *m, struct rec_slots s,
+                             struct rec_more_run run, const float *x, float *y, int high, int wide)
+{
+    struct walk p;
+    walk_from(&p, m, (struct rec_slots){0, m->slots}, 0, 0, 4);
+    for (const struct rec_more *k = run.at; k < run.end; k++) {
+        __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)k->column * 4));
+        float *v = y + (size_t)k->at * 4;
+        size_t pitch = p.pitch[k->slot];
+        if (!rec_more_is_of(k, s))
+            continue;
+        for (int r = 0; r < high; r += 2, v += 2 * pitch) {
+            __m256 w = weights8(k->w + wide * r);
+            add_to(v, spread(w, 0), xx);
+            if (wide == 2) {
+                add_to(v + pitch, spread(w, 1), xx);
+                break;
+            }
+            add_to(v + 8, spread(w, 1), xx);
+            if (r + 1 == high)
+                break;
+            add_to(v + pitch, spread(w, 2), xx);
+            add_to(v + pitch + 8, spread(w, 3), xx);
+        }
+    }
+}
+INLINE void adjoint1_more_of(const struct rec_windows *m, struct rec_slots s,
+                             struct rec_more_run run, const float *y, float *x, int high, int wide)
+{
+    for (const struct rec_more *k = run.at; k < run.end;) {
+        __m128 sum = _mm_setzero_ps();
+        uint32_t q = k->column;
+        for (; k < run.end && k->column == q; k++) {
+            const float *v = y + k->at;
+            size_t pitch = (size_t)m->pitch[k->slot];
+            if (!rec_more_is_of(k, s))
+                continue;
+            for (int r = 0; r < high && wide == 4; r++, v += pitch)
+                sum = _mm_fmadd_ps(weights4(k->w + 4 * r), _mm_loadu_ps(v), sum);
+            if (wide == 2)
+                sum = _mm_fmadd_ps(weights4(k->w), load2x2(v, pitch), sum);
+        }
+        x[q] += m->unit * fold4(sum);
+    }
+}
+INLINE void scatter1_more_of(const struct rec_windows *m, struct rec_slots s,
+                             struct rec_more_run run, const float *x, float *y, int high, int wide)
+{
+    for (const struct rec_more *k = run.at; k < run.end; k++) {
+        const __m128 xx = _mm_set1_ps(x[k->column]);
+        float *v = y + k->at;
+        size_t pitch = (size_t)m->pitch[k->slot];
+        if (!rec_more_is_of(k, s))
+            continue;
+        for (int r = 0; r < high && wide == 4; r++, v += pitch)
+            add_row(v, weights4(k->w + 4 * r), xx);
+        if (wide == 2) {
+            __m128 sum = _mm_fmadd_ps(weights4(k->w), xx, load2x2(v, pitch));
+            _mm_storel_pi((void *)v, sum);
+            _mm_storeh_pi((void *)(v + pitch), sum);
+        }
+    }
+}
+
 /* ---- by shape ----------------------------------------------------------------------------------- */
 
 REC_BY_SHAPE(adjoint1)
 REC_BY_SHAPE(adjoint4)
 REC_BY_SHAPE(scatter1)
 REC_BY_SHAPE(scatter4)
+REC_MORE_BY_SHAPE(adjoint1)
+REC_MORE_BY_SHAPE(adjoint4)
+REC_MORE_BY_SHAPE(scatter1)
+REC_MORE_BY_SHAPE(scatter4)
 
 void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                        const float *y, float *x)
@@ -283,4 +386,8 @@ void rec_windows_avx2(struct rec_kernels *k)
     k->adjoint4 = adjoint4;
     k->scatter1 = scatter1;
     k->scatter4 = scatter4;
+    k->adjoint1_more = adjoint1_more;
+    k->adjoint4_more = adjoint4_more;
+    k->scatter1_more = scatter1_more;
+    k->scatter4_more = scatter4_more;
 }

@@ -63,5 +63,19 @@ static inline __attribute__((always_inline)) bool walk_two(const struct walk *k)
         else                                                                                  \
             name##_rows(m, s, q0, q1, in, out, 4);                                            \
     }
+/* Defines name_more(m, s, run, in, out) from name_more_of. */
+#define REC_MORE_BY_SHAPE(name)                                                   \
+    static void name##_more(const struct rec_windows *m, struct rec_slots s,      \
+                            struct rec_more_run run, const float *in, float *out) \
+    {                                                                             \
+        if (m->wide == 2)                                                         \
+            name##_more_of(m, s, run, in, out, 2, 2);                             \
+        else if (m->high == 2)                                                    \
+            name##_more_of(m, s, run, in, out, 2, 4);                             \
+        else if (m->high == 3)                                                    \
+            name##_more_of(m, s, run, in, out, 3, 4);                             \
+        else                                                                      \
+            name##_more_of(m, s, run, in, out, 4, 4);                             \
+    }
 
 #endif

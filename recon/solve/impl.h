@@ -8,7 +8,7 @@
 #include "recon/solve/smooth.h"
 #include "recon/solve/solve.h"
 
-#define N_XVEC           7
+#define N_XVEC           8
 #define N_YVEC           3
 #define REC_OSEM_SUBSETS 4
 

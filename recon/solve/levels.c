@@ -23,6 +23,8 @@ struct level {
     int32_t *first; /* [nz+1] active columns before a layer */
     float *b;       /* [rowspace][cs], filled where sub has rows */
     float *w;       /* [rowspace], per channel [rowspace][4] */
+    size_t bytes;   /* of map, col, b and w, which are one piece of reserved memory */
+    void *areas;
 };
 
 struct rec_levels {
@@ -40,15 +42,17 @@ static size_t map_size(const struct rec_grid *g)
 static pvx_err level_new(struct level *v, const rec_sysmat *S, const struct rec_kernels *k,
                          pvx_pool *pool, int cs)
 {
-    size_t voxels = rec_grid_count(&S->grid), rows = S->row0[S->n_cameras];
+    size_t floats = S->row0[S->n_cameras] * (size_t)cs; /* of b; as many of w */
     v->S = S;
-    v->map = pvx_calloc(map_size(&S->grid), sizeof *v->map);
-    v->col = pvx_calloc(voxels, sizeof *v->col);
+    v->bytes = (2 * floats + map_size(&S->grid) + rec_grid_count(&S->grid)) * sizeof(float);
+    v->areas = pvx_reserve(v->bytes);
     v->first = pvx_calloc((size_t)S->grid.n[2] + 1, sizeof *v->first);
-    v->b = pvx_calloc(rows * (size_t)cs, sizeof *v->b);
-    v->w = pvx_calloc(rows * (size_t)cs, sizeof *v->w);
-    if (v->map == NULL || v->col == NULL || v->first == NULL || v->b == NULL || v->w == NULL)
+    if (v->areas == NULL || v->first == NULL)
         return PVX_ENOMEM;
+    v->b = v->areas;
+    v->w = v->b + floats;
+    v->map = (int32_t *)(v->w + floats);
+    v->col = v->map + map_size(&S->grid);
     return rec_subsys_new(S, k, pool, cs, &v->sub);
 }
 
@@ -82,11 +86,8 @@ void rec_levels_free(rec_levels **lp)
         return;
     for (int i = 0; i < l->n; i++) {
         struct level *v = &l->at[i];
-        free(v->map);
-        free(v->col);
+        pvx_unreserve(v->areas, v->bytes);
         free(v->first);
-        free(v->b);
-        free(v->w);
         rec_subsys_free(&v->sub);
     }
     free(l);

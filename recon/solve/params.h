@@ -37,7 +37,7 @@ struct rec_solve_params {
 };
 #define REC_SOLVE_DEFAULTS                                                                       \
     {                                                                                            \
-        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1, .tolerance = 6e-3f \
+        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1, .tolerance = 4e-3f \
     }
 extern const struct rec_solve_params rec_solve_defaults;
 
@@ -58,16 +58,18 @@ struct rec_solve_report {
     int64_t time_ns;
 };
 
-/* What a solve found of the cameras (selfcal.h).  Errors are one sigma, from the scatter over tiles of the picture. */
+/* What is known of the cameras: of a set by itself (selfcal.h) or of many (average.h).  Errors are one sigma. */
 struct rec_selfcal_camera {
     bool known;             /* it was estimated */
     float gain, gain_error; /* factor on the picture, applied only if rec_selfcal_report.gain */
     /* Raw pixels by which the flame lies further right and down than the rig says; errors 0, 0: not estimated. */
     float shift[2], shift_error[2];
+    uint32_t touched; /* times that it was forgotten (average.h) */
 };
 struct rec_selfcal_report {
     bool gain, shift; /* these were corrected */
     uint32_t cameras; /* of the rig; 0: nothing was estimated */
+    uint32_t sets;    /* that say it together; 0: one set by itself */
     double test[2];   /* how far gains, shifts lie above chance, in sigma; 0: not tested */
     struct rec_selfcal_camera camera[64]; /* REC_MAX_CAMERAS of rig.h */
 };

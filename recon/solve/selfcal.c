@@ -31,6 +31,7 @@ struct aim {                         /* of a camera */
 struct rec_selfcal {
     const rec_sysmat *S;
     enum rec_selfcal_mode mode;
+    enum rec_selfcal_how how;
     bool any[2];    /* gains, shifts are corrected */
     double test[2]; /* (7) */
     double size[2]; /* (8) */
@@ -61,20 +62,27 @@ static void selfcal_solve(int n, double A[4][4], double y[4])
     }
 }
 
-/* J of (5): an affine fit of the places of footprints to those of the system's voxels. */
+/* J of (5): an affine fit of the places of footprints to those of the system's voxels.  The footprints are far apart,
+ * so all are fetched before the first is read. */
 static void aim_follow(struct aim *o, const struct rec_subsys *a, size_t c)
 {
     const struct rec_grid *g = &a->S->grid;
+    const struct rec_rect *fp[VOXELS];
     double A[2][4][4] = {{{0}}}, y[2][4] = {{0}};
-    for (int32_t q = 0; q < a->n; q += a->n / VOXELS + 1) {
-        struct rec_rect f = rec_footprint(a->S, c, a->col[q]);
+    int32_t step = a->n / VOXELS + 1, ijk[VOXELS][3];
+    for (int32_t k = 0; k * step < a->n; k++) {
+        int32_t *i = ijk[k];
+        rec_grid_ijk(g, a->col[k * step], i);
+        fp[k] = a->S->block[c].fp + rec_brick_place(g, i[0], i[1], i[2]);
+        __builtin_prefetch(fp[k]);
+    }
+    for (int32_t k = 0; k * step < a->n; k++) {
+        struct rec_rect f = *fp[k];
         if (!rec_rect_seen(f))
             continue;
-        int32_t ijk[3];
-        rec_grid_ijk(g, a->col[q], ijk);
         double h[4] = {1}, at[2] = {0.5 * (f.x0 + f.x1), 0.5 * (f.y0 + f.y1)};
         for (int i = 0; i < 3; i++)
-            h[i + 1] = ijk[i] - 0.5 * g->n[i];
+            h[i + 1] = ijk[k][i] - 0.5 * g->n[i];
         for (int m = 0; m < 2; m++)
             for (int i = 0; i < 4; i++) {
                 y[m][i] += h[i] * at[m];
@@ -100,7 +108,7 @@ pvx_err rec_selfcal_new(const rec_sysmat *S, rec_selfcal **out)
         rec_selfcal_free(out);
         return PVX_ENOMEM;
     }
-    rec_selfcal_begin(s, REC_SELFCAL_OFF);
+    rec_selfcal_begin(s, REC_SELFCAL_OFF, REC_SELFCAL_ALONE, NULL);
     return PVX_OK;
 }
 
@@ -118,15 +126,19 @@ void rec_selfcal_free(rec_selfcal **s)
     PVX_FREE(*s);
 }
 
-void rec_selfcal_begin(rec_selfcal *s, enum rec_selfcal_mode mode)
+void rec_selfcal_begin(rec_selfcal *s, enum rec_selfcal_mode mode, enum rec_selfcal_how how,
+                       const struct rec_selfcal_given *given)
 {
     s->mode = mode;
-    s->any[0] = s->any[1] = false;
+    s->how = how;
+    s->any[0] = given != NULL && given->gain && mode != REC_SELFCAL_OFF;
+    s->any[1] = given != NULL && given->shift && mode == REC_SELFCAL_ON;
     s->test[0] = s->test[1] = s->size[0] = s->size[1] = 0;
     s->estimated = false;
     for (size_t c = 0; c < s->S->n_cameras; c++) {
-        s->aim[c].gain = 1;
-        s->aim[c].shift[0] = s->aim[c].shift[1] = 0;
+        s->aim[c].gain = s->any[0] ? given->camera[c].gain : 1;
+        for (int i = 0; i < 2; i++)
+            s->aim[c].shift[i] = s->any[1] ? given->camera[c].shift[i] : 0;
     }
 }
 
@@ -324,48 +336,87 @@ static double selfcal_clamp(double v, double most)
     return fmin(fmax(v, -most), most);
 }
 
-/* Gains of mean 1/g = 1; their (7) and (8). */
-static void selfcal_gains(rec_selfcal *s)
+/* Gains of mean 1/g = 1. */
+static void anchor_gains(struct rec_selfcal_place *p, size_t cameras)
 {
-    double mean = 0, n = (double)s->cameras, f = 0, v = 0, known = 0;
-    for (size_t c = 0; c < s->S->n_cameras; c++) {
-        s->aim[c].gain *= s->in[c] ? 1 + selfcal_clamp(s->aim[c].step[0], MOST_LOG) : 1;
-        mean += s->in[c] ? 1 / s->aim[c].gain / n : 0;
+    double mean = 0, n = 0;
+    for (size_t c = 0; c < cameras; c++)
+        n += p[c].in[0];
+    for (size_t c = 0; c < cameras; c++)
+        mean += p[c].in[0] ? 1 / p[c].gain / n : 0;
+    for (size_t c = 0; c < cameras; c++)
+        p[c].gain *= p[c].in[0] ? mean : 1;
+}
+
+/* Shifts without (5). */
+static void anchor_shifts(struct rec_selfcal_place *p, size_t cameras)
+{
+    double A[4][4] = {{0}}, T[4] = {0};
+    for (size_t c = 0; c < cameras; c++)
+        for (int m = 0; m < 2 && p[c].in[1]; m++)
+            for (int i = 0; i < 3; i++) {
+                T[i] += p[c].J[m][i] * p[c].shift[m];
+                for (int j = 0; j < 3; j++)
+                    A[i][j] += p[c].J[m][i] * p[c].J[m][j];
+            }
+    selfcal_solve(3, A, T);
+    for (size_t c = 0; c < cameras; c++)
+        for (int m = 0; m < 2 && p[c].in[1]; m++)
+            p[c].shift[m] -= p[c].J[m][0] * T[0] + p[c].J[m][1] * T[1] + p[c].J[m][2] * T[2];
+}
+
+void rec_selfcal_anchor(struct rec_selfcal_place *p, size_t cameras)
+{
+    anchor_gains(p, cameras);
+    anchor_shifts(p, cameras);
+}
+
+/* Gains and shifts as they are seen: those that were applied, and the step.  scale: selfcal_scale. */
+static void selfcal_see(rec_selfcal *s, double scale)
+{
+    struct rec_selfcal_place p[REC_MAX_CAMERAS];
+    size_t n = s->S->n_cameras;
+    for (size_t c = 0; c < n; c++) {
+        const struct aim *o = &s->aim[c];
+        p[c].in[0] = s->in[c];
+        p[c].in[1] = s->in[c] && s->mode == REC_SELFCAL_ON;
+        p[c].gain = o->gain * (s->in[c] ? 1 + selfcal_clamp(o->step[0], MOST_LOG) : 1);
+        for (int i = 0; i < 2; i++)
+            p[c].shift[i] = p[c].in[1] ? selfcal_clamp(o->shift[i] + scale * o->step[1 + i], MOST)
+                                       : o->shift[i];
+        memcpy(p[c].J, o->J, sizeof p[c].J);
     }
+    rec_selfcal_anchor(p, n);
+    for (size_t c = 0; c < n; c++) {
+        s->aim[c].seen_gain = p[c].gain;
+        memcpy(s->aim[c].seen_shift, p[c].shift, sizeof p[c].shift);
+    }
+}
+
+/* (7) and (8) of gains. */
+static void selfcal_judge_gains(rec_selfcal *s)
+{
+    double n = (double)s->cameras, f = 0, v = 0, known = 0;
     for (size_t c = 0; c < s->S->n_cameras; c++) {
+        const struct aim *o = &s->aim[c];
         if (!s->in[c])
             continue;
-        s->aim[c].gain *= mean;
-        double off = log(s->aim[c].gain);
-        f += s->aim[c].gain_var > 0 ? off * off / s->aim[c].gain_var : 0;
-        known += s->aim[c].gain_var > 0 ? 1 / s->aim[c].gain_var : 0;
-        v += s->aim[c].freedom[0];
+        double off = log(o->seen_gain);
+        f += o->gain_var > 0 ? off * off / o->gain_var : 0;
+        known += o->gain_var > 0 ? 1 / o->gain_var : 0;
+        v += o->freedom[0];
     }
     s->test[0] = selfcal_deviate(f / (n - 1), n - 1, v);
     s->size[0] = known > 0 ? sqrt(f / known) : 0;
 }
 
-/* Shifts without (5); their (7) and (8).  scale: selfcal_scale. */
-static void selfcal_shifts(rec_selfcal *s, double scale)
+/* (7) and (8) of shifts. */
+static void selfcal_judge_shifts(rec_selfcal *s, double scale)
 {
-    double A[4][4] = {{0}}, T[4] = {0}, f = 0, v = 0, known = 0;
-    double free = 2 * (double)s->cameras - 3;
-    for (size_t c = 0; c < s->S->n_cameras; c++)
-        for (int m = 0; m < 2 && s->in[c]; m++) {
-            struct aim *o = &s->aim[c];
-            o->shift[m] = selfcal_clamp(o->shift[m] + scale * o->step[1 + m], MOST);
-            for (int i = 0; i < 3; i++) {
-                T[i] += o->J[m][i] * o->shift[m];
-                for (int j = 0; j < 3; j++)
-                    A[i][j] += o->J[m][i] * o->J[m][j];
-            }
-        }
-    selfcal_solve(3, A, T);
+    double f = 0, v = 0, known = 0, free = 2 * (double)s->cameras - 3;
     for (size_t c = 0; c < s->S->n_cameras; c++) {
-        struct aim *o = &s->aim[c];
-        for (int m = 0; m < 2 && s->in[c]; m++)
-            o->shift[m] -= o->J[m][0] * T[0] + o->J[m][1] * T[1] + o->J[m][2] * T[2];
-        double x = o->shift[0] / scale, y = o->shift[1] / scale;
+        const struct aim *o = &s->aim[c];
+        double x = o->seen_shift[0] / scale, y = o->seen_shift[1] / scale;
         double det = o->var[0] * o->var[2] - o->var[1] * o->var[1];
         if (!s->in[c] || !isfinite(det) || !(det > 0))
             continue;
@@ -384,22 +435,24 @@ bool rec_selfcal_estimate(rec_problem *pb, const float *r)
     bool shifts = s->mode == REC_SELFCAL_ON;
     selfcal_mark(s, pb->a);
     pvx_pool_run(pb->a->pool, s->S->n_cameras, selfcal_look, &t);
-    selfcal_gains(s);
+    selfcal_see(s, selfcal_scale(pb));
+    selfcal_judge_gains(s);
     if (shifts)
-        selfcal_shifts(s, selfcal_scale(pb));
-    s->any[0] =
-        s->any[0] || (s->test[0] > REC_SELFCAL_GAIN_SIGMAS && s->size[0] > REC_SELFCAL_GAIN_LEAST);
-    s->any[1] = s->any[1] ||
-                (s->test[1] > REC_SELFCAL_SHIFT_SIGMAS && s->size[1] > REC_SELFCAL_SHIFT_LEAST);
+        selfcal_judge_shifts(s, selfcal_scale(pb));
     s->estimated = true;
     s->scale = selfcal_scale(pb);
+    if (s->how == REC_SELFCAL_GIVEN)
+        return false;
+    bool learn = s->how == REC_SELFCAL_LEARN;
+    s->any[0] = s->any[0] || learn ||
+                (s->test[0] > REC_SELFCAL_GAIN_SIGMAS && s->size[0] > REC_SELFCAL_GAIN_LEAST);
+    s->any[1] = s->any[1] || (learn && shifts) ||
+                (s->test[1] > REC_SELFCAL_SHIFT_SIGMAS && s->size[1] > REC_SELFCAL_SHIFT_LEAST);
     for (size_t c = 0; c < s->S->n_cameras; c++) {
-        s->aim[c].seen_gain = s->aim[c].gain;
-        memcpy(s->aim[c].seen_shift, s->aim[c].shift, sizeof s->aim[c].shift);
-        if (!s->any[0])
-            s->aim[c].gain = 1;
-        if (!s->any[1])
-            s->aim[c].shift[0] = s->aim[c].shift[1] = 0;
+        struct aim *o = &s->aim[c];
+        o->gain = s->any[0] ? o->seen_gain : 1;
+        for (int i = 0; i < 2; i++)
+            o->shift[i] = s->any[1] ? o->seen_shift[i] : 0;
     }
     return s->any[0] || s->any[1];
 }
@@ -421,16 +474,21 @@ static bool selfcal_can(const rec_problem *pb)
 bool rec_selfcal_due(const rec_problem *pb, uint32_t done)
 {
     const rec_selfcal *s = pb->selfcal;
-    if (!selfcal_can(pb) || pb->a->S != s->S)
+    if (!selfcal_can(pb) || pb->a->S != s->S || s->how >= REC_SELFCAL_GIVEN)
         return false;
-    bool open = s->any[0] || s->any[1],
+    bool open = s->any[0] || s->any[1] || s->how == REC_SELFCAL_LEARN,
          near = s->test[0] > REC_SELFCAL_NEAR || s->test[1] > REC_SELFCAL_NEAR;
     return done < ROUNDS && (open || (done == 0 && near));
 }
 
 bool rec_selfcal_due_last(const rec_problem *pb)
 {
-    return selfcal_can(pb) && pb->a->S == pb->selfcal->S->coarse;
+    const rec_selfcal *s = pb->selfcal;
+    bool finest = pb->a->S == (s != NULL ? s->S : NULL);
+    if (!selfcal_can(pb) || s->how == REC_SELFCAL_FIXED)
+        return false;
+    return finest ? s->how != REC_SELFCAL_ALONE
+                  : pb->a->S == s->S->coarse && s->how != REC_SELFCAL_GIVEN;
 }
 
 /* ---- pictures -------------------------------------------------------------------------------------*/
@@ -549,5 +607,22 @@ void rec_selfcal_tell(const rec_selfcal *s, struct rec_selfcal_report *out)
             to->shift_error[i] =
                 isfinite(o->var[0]) ? (float)(px * scale * sqrt(o->var[2 * i])) : 0;
         }
+    }
+}
+
+void rec_selfcal_look(const rec_selfcal *s, struct rec_selfcal_look *out)
+{
+    double scale2 = s->scale * s->scale;
+    for (size_t c = 0; c < s->S->n_cameras; c++) {
+        const struct aim *o = &s->aim[c];
+        out[c] = (struct rec_selfcal_look){.known = s->estimated && s->in[c]};
+        if (!out[c].known)
+            continue;
+        out[c].log_gain = log(o->seen_gain);
+        memcpy(out[c].shift, o->seen_shift, sizeof o->seen_shift);
+        out[c].gain_var = o->gain_var;
+        for (int i = 0; i < 3; i++)
+            out[c].var[i] = scale2 * o->var[i];
+        memcpy(out[c].J, o->J, sizeof o->J);
     }
 }

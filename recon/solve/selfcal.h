@@ -31,7 +31,9 @@
  * the former test lay below REC_SELFCAL_NEAR; and where a correction is made, at the next renewal.
  * None for weights per channel (mosaics), where a channel's bins are not neighbours, and for fewer than
  * REC_SELFCAL_LEAST cameras.  Absent cameras and those that were voted out are not in it.  Rows that are lower bounds
- * (bound.h) tell nothing here; their bounds follow the gain.
+ * (bound.h) tell nothing here.  Their bounds follow the gain, not the shift: all have the value of a saturated pixel,
+ * so that a shift changes only the rim.
+ * Sets of one rig correct each other's noise: average.h.
  * Source: gauge and statistics are standard (cluster-robust variance: Liang & Zeger, Biometrika 73:13, 1986); the
  * arrangement is our own.
  * Threads: one problem at a time; same bits for any number.  Allocates nothing after rec_selfcal_new. */
@@ -54,18 +56,47 @@ PVX_MUST_CHECK pvx_err rec_selfcal_new(const rec_sysmat *S, rec_selfcal **out);
 void rec_selfcal_free(rec_selfcal **s);
 /* The problem, and those of coarser grids that start it, use `s`; NULL: none. */
 void rec_selfcal_attach(rec_problem *pb, rec_selfcal *s);
-/* Forgets the corrections: a new frame set follows. */
-void rec_selfcal_begin(rec_selfcal *s, enum rec_selfcal_mode mode);
+/* Where the corrections of a set come from (average.h). */
+enum rec_selfcal_how {
+    REC_SELFCAL_ALONE, /* the set itself, by the gate */
+    REC_SELFCAL_LEARN, /* the set itself, without a gate */
+    REC_SELFCAL_GIVEN, /* `given`; what the set says of them is estimated when it is solved */
+    REC_SELFCAL_FIXED  /* `given`; nothing is estimated */
+};
+struct rec_selfcal_given {
+    bool gain, shift; /* these are corrected */
+    struct {
+        double gain, shift[2];
+    } camera[REC_MAX_CAMERAS]; /* (1), bins of the finest grid */
+};
+/* A new frame set follows, whose corrections start from `given`; NULL: from none. */
+void rec_selfcal_begin(rec_selfcal *s, enum rec_selfcal_mode mode, enum rec_selfcal_how how,
+                       const struct rec_selfcal_given *given);
 
 /* Writes the corrected pictures to the right-hand side of `pb`; nothing where there is no correction. */
 void rec_selfcal_apply(rec_problem *pb);
 /* Whether an estimate is due at a renewal of `pb`, of which `done` were before; at the end of its solve. */
 bool rec_selfcal_due(const rec_problem *pb, uint32_t done);
 bool rec_selfcal_due_last(const rec_problem *pb);
-/* (2) to (7) from the residual r of an iterate; true: the corrections changed. */
+/* (2) to (8) from the residual r of an iterate; true: the corrections changed. */
 bool rec_selfcal_estimate(rec_problem *pb, const float *r);
 
 /* What came out, of the last estimate. */
 void rec_selfcal_tell(const rec_selfcal *s, struct rec_selfcal_report *out);
+/* The same of each camera [cameras of S], for average.h: what was applied and the step, bins of the finest grid. */
+struct rec_selfcal_look {
+    bool known;
+    double log_gain, shift[2];
+    double gain_var, var[3]; /* (6): uu, uv, vv; INFINITY: not determined */
+    double J[2][3];          /* (5) */
+};
+void rec_selfcal_look(const rec_selfcal *s, struct rec_selfcal_look *out);
+
+/* Takes out what no picture shows, of gains and shifts of the cameras that are in. */
+struct rec_selfcal_place {
+    bool in[2]; /* gain, shift */
+    double gain, shift[2], J[2][3];
+};
+void rec_selfcal_anchor(struct rec_selfcal_place *p, size_t cameras);
 
 #endif

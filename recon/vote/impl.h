@@ -97,5 +97,7 @@ bool rec_vote_may_wait(const rec_vote *v, double r);
 void rec_vote_remember(rec_vote *v, struct rec_verdict *o, bool asked);
 /* Why camera c does not fit: trial t was solved without it. */
 enum rec_wrong rec_vote_cause(const rec_vote *v, const struct rec_trial *t, size_t c);
+/* Its gain over the others', and the share of its misfit that is left when the picture is divided by it. */
+double rec_vote_gain(const rec_vote *v, const struct rec_trial *t, size_t c, double *rest);
 
 #endif

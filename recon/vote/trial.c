@@ -231,6 +231,14 @@ static struct likeness trial_compare(const rec_vote *v, const struct rec_trial *
     return l;
 }
 
+double rec_vote_gain(const rec_vote *v, const struct rec_trial *t, size_t c, double *rest)
+{
+    const struct likeness l = trial_compare(v, t, c);
+    double gain = l.pp > 0 ? l.bp / l.pp : 0, now = l.bb - 2 * l.bp + l.pp;
+    *rest = now > 0 ? (l.bb - gain * l.bp) / now : 1;
+    return gain;
+}
+
 enum rec_wrong rec_vote_cause(const rec_vote *v, const struct rec_trial *t, size_t c)
 {
     const struct likeness l = trial_compare(v, t, c);

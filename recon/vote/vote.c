@@ -10,13 +10,15 @@
 #define ALONE        REC_VOTE_ALONE
 #define SECOND       1.25
 #define NOISE        0.5
-#define BACK         0.5 /* a camera that was out agrees below this share of (3) */
-#define TORN         0.1 /* no healthy camera ever came near this G */
-#define DAZZLED      0.5 /* a camera with more than this share of its bins saturated is flooded, */
-#define CLEAR        0.1 /* if the median share of the cameras is at most this */
-#define LEAST_SWEEPS 2   /* sweeps from zero if all cameras fit after them, */
-#define MOST_SWEEPS  3   /* otherwise */
-#define FURTHER      6   /* iterations after the sweeps, for all cameras and without each */
+#define BACK         0.5  /* a camera that was out agrees below this share of (3) */
+#define TORN         0.1  /* no healthy camera ever came near this G */
+#define DAZZLED      0.5  /* a camera with more than this share of its bins saturated is flooded, */
+#define CLEAR        0.1  /* if the median share of the cameras is at most this */
+#define LEAST_SWEEPS 2    /* sweeps from zero if all cameras fit after them, */
+#define MOST_SWEEPS  3    /* otherwise */
+#define MOST_GAIN    1.75 /* factor of a gain that the solve corrects, either way, */
+#define REGAINED     0.5  /* if at most this share of the misfit is left then */
+#define FURTHER      6    /* iterations after the sweeps, for all cameras and without each */
 
 static const char *const state_names[REC_N_VOTE_STATES] = {
     [REC_VOTE_NONE] = "none",   [REC_VOTE_FEW] = "few", [REC_VOTE_DARK] = "dark",
@@ -182,6 +184,17 @@ static void vote_leave_out(rec_vote *v, struct rec_verdict *o, const struct ball
     *t = all;
 }
 
+/* If camera c differs from the others most of all by a gain that the solve can correct, divides its picture by it. */
+static bool vote_regain(rec_vote *v, const struct ballot *b, size_t c)
+{
+    double rest, gain = rec_vote_gain(v, &v->trial[b->trial[c]], c, &rest);
+    if (!v->set->gains || rest > REGAINED || gain * MOST_GAIN < 1 || gain > MOST_GAIN)
+        return false;
+    for (size_t i = v->level->row0[c]; i < v->level->row0[c + 1]; i++)
+        v->b[i] *= (float)(1 / gain);
+    return true;
+}
+
 /* Two wrong cameras can hide each other.  Candidates are the camera of the greatest cost and the one that stands out
  * without it.  Both go out if the first stands out without the second too.  Otherwise *o stays and trial 0 begins
  * anew. */
@@ -235,7 +248,7 @@ static bool as_before(rec_vote *v, struct rec_verdict *o)
 /* Puts cameras out one after the other, at most (voters - 2) / 2 of them. */
 static void decide(rec_vote *v, struct rec_verdict *o)
 {
-    uint64_t dazzled = o->out;
+    uint64_t dazzled = o->out, regained = 0;
     v->agree = ~dazzled;
     int voters = vote_count(vote_believed(v, 0)), most = (voters - 2) / 2;
     if (v->hold == 0 || v->trial[0].without != dazzled)
@@ -254,7 +267,10 @@ static void decide(rec_vote *v, struct rec_verdict *o)
             o->cost[c] = (float)b.cost[c];
         if (first)
             o->doubt = (float)(b.cost[b.top] / limit(v, &b, b.top));
-        if (stands_out(v, &b)) {
+        if (stands_out(v, &b) && !rec_vote_has(regained, b.top) && vote_regain(v, &b, b.top)) {
+            regained |= bit(b.top);
+            vote_begin(v, o->out);
+        } else if (stands_out(v, &b)) {
             vote_leave_out(v, o, &b, b.top);
         } else if (b.cost[b.top] <= TORN) {
             break;

@@ -16,8 +16,10 @@
  *     c is out  when  G(c) > G(k) for all other k  and
  *     G(c) > 0.03 + 1.25 max over k of G(k) + nu_c / 2                                              (3)
  * nu_c: the part of ||K b_c||^2 that is noise alone, over P.  The remaining cameras are then tested in the same
- * way.  When no single camera stands out, two are tried at once, each judged without the other (NUMERICS.md 9:
- * origin of the constants, faults that are missed).
+ * way.  If c's picture is that of the others times a factor of 1/1.75 to 1.75 (division by it halves c's misfit or
+ * better), and the solve corrects gains, c stays: its picture is divided, and all are tested again.  When no single
+ * camera stands out, two are tried at once, each judged without the other (NUMERICS.md 9: origin of the constants,
+ * faults that are missed).
  * Fast path: if some x already has R(x) below the smallest threshold of (3), accept all cameras.
  *     c is frozen  when  it sent the same bits four times while most of the others' pictures changed   (4)
  * A frozen camera is out, whatever its cost.  Without `hold`, a verdict uses nothing else from earlier sets.
@@ -42,6 +44,7 @@ struct rec_vote_set {
     const uint8_t *lit;  /* [rows] silhouettes, 0/1 */
     const bool *present; /* [cameras] */
     const float *noise;  /* [cameras] variance of a bin, the sum over its channels */
+    bool gains;          /* the solve corrects the cameras' gains */
 };
 
 typedef struct rec_vote rec_vote;

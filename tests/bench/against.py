@@ -3,6 +3,7 @@
 Reconstructs every recording that record.c makes with both, in turns, and prints error against the truth
 and the time of every stage, of the one over that of the other (the least of all rounds)."""
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ recordings = builds["new"] / "bench/recordings"
 def run(name, recording, basis):
     """Mean error of the frames, ms from volume to volume, least ms of each stage."""
     out = recording / (name + "-out")
+    shutil.rmtree(out, ignore_errors=True)
     report = out.with_suffix(".json")
     subprocess.run([builds[name] / "bin/pyrovox", "reconstruct", "--quiet", "--rig", recording / "rig.yaml", "--frames",
                     recording / "frames", "--basis", basis, "--out", out, "--save-report", report,

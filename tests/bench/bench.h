@@ -49,6 +49,15 @@ static inline double view_error(const struct scene *s, const float *dense, pvx_p
     return sum / (double)lit;
 }
 
+/* Windows of a restricted system, which a product reads once. */
+static inline double bytes_of_windows(const struct rec_subsys *a)
+{
+    double window = (double)(sizeof *a->win.at + rec_window_size(&a->win)), more = 0;
+    for (int32_t s = 0; s < a->slabs; s++)
+        more += a->more_end[s] - a->more_at[s];
+    return (double)a->n * a->win.slots * window + more * sizeof *a->win.more;
+}
+
 struct triad {
     float *a, *b, *c;
     size_t n, chunk;

@@ -6,14 +6,19 @@
  * figure for both bases and for any grid, larger than against the coefficients of one basis by what no
  * volume of that basis can show.  The view is one that no solver saw; its error is the mean over the
  * pixels on which the flame is, of 255.
+ * Where the default corrects the cameras (selfcal.h), all others also see the pictures as it corrected them:
+ * pictures "corrected" instead of "given".  Labs' rigs are drawn several times: noise, gains and poses.
  * judge.py makes the table, bench_scalarflow adds the real capture to it.
  *
  *     bench_judge [FOLDER [CHOICE [SEED]]]
  * CHOICE is a regular expression on "flame, cameras, noise, wrong, basis, solver", for example
- * 'pool, 8.*gains.*trilinear, (pcg|mlem)'.  SEED (1) draws the noise and what is wrong. */
+ * 'pool, 8.*gains.*trilinear, (pcg|mlem)'.  SEED (1) is the first draw. */
 #include <regex.h>
 
+#include "corrected.h"
 #include "wrong.h"
+
+#define DRAWS 3 /* of a lab's rig */
 
 /* ---- cases -------------------------------------------------------------------------------------- */
 
@@ -168,19 +173,40 @@ static bool any_chosen(const struct run *r, const struct judged *j, enum rec_bas
     return false;
 }
 
-static void solver(const struct run *r, const struct judged *j, const struct scene *s,
-                   const struct shot *shot, const rec_sysmat *S, const char *name)
+/* One row; returns what the solve found of the cameras. */
+static struct rec_selfcal_report solver(const struct run *r, const struct judged *j,
+                                        const struct scene *s, const struct shot *shot,
+                                        const rec_sysmat *S, const char *name, bool corrected)
 {
     const struct flame *f = &flames[j->kind];
     double least;
     float *dense = must_floats(rec_grid_count(&S->grid) * (size_t)s->nch);
     struct rec_frame_report report = solve_once(s, shot, S, name, r->pool, dense, &least);
-    bench_row(r->csv, "%s,%s,%s,%s,%s,%d,%s,%s,%u,%.2f,%llu,%.5f,%.4f,%.4f,%s", f->name, f->use,
-              j->views->name, j->noise->name, j->wrong, S->grid.n[2], rec_basis_name(S->grid.basis),
-              name, report.solve.iterations, least, (unsigned long long)report.entries,
+    bench_row(r->csv, "%s,%s,%s,%s,%s,%llu,%d,%s,%s,%s,%u,%.2f,%llu,%.5f,%.4f,%.4f,%s", f->name,
+              f->use, j->views->name, j->noise->name, j->wrong, (unsigned long long)r->seed,
+              S->grid.n[2], rec_basis_name(S->grid.basis), corrected ? "corrected" : "given", name,
+              report.solve.iterations, least, (unsigned long long)report.entries,
               field_error(s, dense, S->grid.basis), view_error(s, dense, r->pool),
               light_ratio(s, dense), rec_status_name(report.solve.status));
     free(dense);
+    return report.selfcal;
+}
+
+/* All solvers that are chosen, the default first: it says how the pictures are corrected for the others. */
+static void solvers(const struct run *r, const struct judged *j, const struct scene *s,
+                    const struct shot *shot, const rec_sysmat *S)
+{
+    struct shot other = {0};
+    for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
+        if (!chosen(r, j, rec_basis_name(S->grid.basis), *name))
+            continue;
+        struct rec_selfcal_report found = solver(r, j, s, shot, S, *name, false);
+        if (rec_solver_is_default(*name) && (found.gain || found.shift))
+            shot_correct(&other, s, shot, &found);
+        else if (other.n_cameras > 0)
+            (void)solver(r, j, s, &other, S, *name, true);
+    }
+    shot_free(&other);
 }
 
 static void judge_case(const struct run *r, const struct judged *j, enum rec_basis first)
@@ -199,25 +225,28 @@ static void judge_case(const struct run *r, const struct judged *j, enum rec_bas
         if (!any_chosen(r, j, s.rig.grid.basis, s.rig.grid.basis))
             continue;
         rec_sysmat *S = scene_matrix(&s, 0, r->pool);
-        for (const char *const *name = rec_solver_names(); *name != NULL; name++)
-            if (chosen(r, j, rec_basis_name(S->grid.basis), *name))
-                solver(r, j, &s, &shot, S, *name);
+        solvers(r, j, &s, &shot, S);
         rec_sysmat_free(&S);
     }
     shot_free(&shot);
     scene_fini(&s);
 }
 
-/* The same case as one of the list must not make rows twice. */
+/* Every draw.  The same case as one of the list must not make rows twice. */
 static void judge_lab(const struct run *r, enum flame_kind kind, const struct view_set *views,
                       const char *wrong)
 {
     struct judged j = {kind, views, &noise_1, wrong, size_64};
+    struct run of = *r;
+    bool listed = false;
     for (size_t i = 0; i < COUNT(cases); i++)
-        if (cases[i].kind == kind && cases[i].views == views && cases[i].noise == j.noise &&
-            cases[i].size == j.size && strcmp(cases[i].wrong, wrong) == 0)
-            return;
-    judge_case(r, &j, REC_TRILINEAR);
+        listed = listed ||
+                 (cases[i].kind == kind && cases[i].views == views && cases[i].noise == j.noise &&
+                  cases[i].size == j.size && strcmp(cases[i].wrong, wrong) == 0);
+    for (int draw = listed; draw < DRAWS; draw++) {
+        of.seed = r->seed + (uint64_t)draw;
+        judge_case(&of, &j, REC_TRILINEAR);
+    }
 }
 
 static void judge_labs(const struct run *r)
@@ -246,8 +275,8 @@ int main(int argc, char **argv)
            "what the calibration or the pictures do not say\n",
            pvx_pool_threads(r.pool));
     r.csv = bench_csv(argc, argv, "judge",
-                      "scene,use,rig,noise,wrong,voxels,basis,solver,iterations,ms,entries,volume,"
-                      "view,light,status");
+                      "scene,use,rig,noise,wrong,draw,voxels,basis,pictures,solver,iterations,ms,"
+                      "entries,volume,view,light,status");
     for (size_t i = 0; i < COUNT(cases); i++)
         judge_case(&r, &cases[i], REC_BOX);
     judge_labs(&r);

@@ -87,16 +87,16 @@ static void run(FILE *csv, const int32_t size[3], enum rec_basis basis, double w
     size_t N = rec_grid_count(&S->grid), bins = 0;
     for (size_t c = 0; c < 8; c++)
         bins += (size_t)S->block[c].bw * (size_t)S->block[c].bh;
-    double raw = 8.0 * w * h * 3;
-    double vectors = (double)r.active_voxels * 16 * 4 + (double)bins * 16 * 2;
-    double active = (double)r.active_voxels, entries = (double)r.entries;
-    double bytes[] = {raw + (double)bins * 16, (double)bins * (16 + 16 + 4 + 1),
+    double raw = 8.0 * w * h * 3, active = (double)r.active_voxels, rows = (double)r.active_rays;
+    double windows = bytes_of_windows(rec_frame_subsys(f));
+    double vectors = active * 316 + rows * 16 * 4; /* NUMERICS.md, 5 */
+    double bytes[] = {raw + (double)bins * 16, (double)bins * 53,
                       8.0 * ((double)N / 64 + active) * sizeof(struct rec_rect) + (double)bins * 5,
-                      active * 8 + entries * (4 + 6 + 8), /* rows counted; read and copied twice */
-                      r.solve.iterations * (2.0 * entries * 4 + vectors)};
+                      active * 8 + windows * 2,
+                      r.solve.iterations * (2 * windows + vectors)}; /* coarse grids: time only */
     int64_t ns[] = {bin, photo, hull, restricted, solve};
     static const char *const stage[] = {"unpack+bin", "photometry", "hull", "restrict", "solve"};
-    double bw = bench_bandwidth((size_t)(entries * 8 + vectors), pool);
+    double bw = bench_bandwidth((size_t)(windows + vectors), pool);
     printf(
         "\n%d^3 %s from 8 x %dx%d RGB8, binning %d, %dx%d rays, %u thread%s: %.1f sets/s (target "
         "%.0f), matrix "

@@ -72,14 +72,6 @@ static float *values(size_t n)
     return v;
 }
 
-static double bytes_of_windows(const struct rec_subsys *a)
-{
-    double window = (double)(sizeof *a->win.at + rec_window_size(&a->win)), more = 0;
-    for (int32_t s = 0; s < a->slabs; s++)
-        more += a->more_end[s] - a->more_at[s];
-    return (double)a->n * a->win.slots * window + more * sizeof *a->win.more;
-}
-
 static void products(const struct scene *s, const rec_sysmat *S, int nch, unsigned threads,
                      enum pvx_cpu level)
 {

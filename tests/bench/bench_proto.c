@@ -23,11 +23,10 @@ static double unpacking(const void *msg, size_t len, float *dense, size_t n)
     return least;
 }
 
-/* Frees v. */
-static void encoding(FILE *csv, const char *flame, struct volume v, double bandwidth)
+static void encoding(FILE *csv, const char *flame, const struct volume *v, double bandwidth)
 {
-    struct pvp_volume m = {.grid = v.grid};
-    size_t n = pvp_grid_count(&v.grid);
+    struct pvp_volume m = {.grid = v->grid};
+    size_t n = pvp_grid_count(&v->grid);
     double floats = (double)n * 4;
     float *dense = must_floats(n);
     for (int sample = PVP_F32; sample <= PVP_F16; sample++)
@@ -36,40 +35,27 @@ static void encoding(FILE *csv, const char *flame, struct volume v, double bandw
             const void *msg;
             size_t len = 0;
             double least = INFINITY;
-            CHECK(pvp_encoder_new(&v.grid, (enum pvp_sample)sample, (enum pvp_compress)comp, &e));
+            CHECK(pvp_encoder_new(&v->grid, (enum pvp_sample)sample, (enum pvp_compress)comp, &e));
             for (int r = 0; r < 30; r++) {
                 int64_t t0 = pvx_now_mono();
-                CHECK(pvp_encode_volume(e, (uint64_t)r, &m, &v.x, &msg, &len));
+                CHECK(pvp_encode_volume(e, (uint64_t)r, &m, &v->x, &msg, &len));
                 least = fmin(least, ms(pvx_now_mono() - t0));
             }
-            double bound = ((double)v.x.n * 20 + (double)len) / bandwidth * 1e3;
+            double bound = ((double)v->x.n * 20 + (double)len) / bandwidth * 1e3;
             bench_row(csv, "%s,%u,%s,%s,%.3f,%.2f,%.2f,%.0f,%.3f,%.1f,%.2f,%.0f", flame,
-                      v.grid.n[2], samples[sample], comps[comp], volume_lit(&v), least, bound,
+                      v->grid.n[2], samples[sample], comps[comp], volume_lit(v), least, bound,
                       floats / least * 1e-3, (double)len * 1e-6, floats / (double)len,
                       unpacking(msg, len, dense, n), 117e6 / (double)len);
             pvp_encoder_free(&e);
         }
     free(dense);
-    volume_free(&v);
 }
 
 int main(int argc, char **argv)
 {
-    static const int32_t size[3] = {320, 240, 128};
-    pvx_pool *one, *all;
-    CHECK(pvx_pool_new(1, "bench", &one));
-    CHECK(pvx_pool_new(2, "bench", &all));
-    double bandwidth = bench_bandwidth((size_t)96 << 20, one);
     FILE *csv =
         bench_csv(argc, argv, "proto_encode",
                   "flame,voxels,sample,compress,lit share,ms,bound ms,MB/s,MB,ratio,unpack ms,"
                   "most/s on 1 GbE");
-    encoding(csv, "ring", volume_ring(64, 0.3), bandwidth);
-    encoding(csv, "ring", volume_ring(128, 0.3), bandwidth);
-    encoding(csv, "ring solved", volume_solved(FLAME_RING, size, all), bandwidth);
-    encoding(csv, "pool solved", volume_solved(FLAME_POOL, size, all), bandwidth);
-    pvx_pool_free(&one);
-    pvx_pool_free(&all);
-    fclose(csv);
-    return 0;
+    return volume_each(csv, encoding);
 }

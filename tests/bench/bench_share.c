@@ -87,30 +87,16 @@ static void shared(FILE *csv, const char *flame, const struct volume *of, int ki
     pvp_decoder_free(&dec);
 }
 
-/* Frees v. */
-static void flame(FILE *csv, const char *name, struct volume v, double bandwidth)
+static void flame(FILE *csv, const char *name, const struct volume *v, double bandwidth)
 {
     for (int kind = 0; kind < 3; kind++)
-        shared(csv, name, &v, kind, bandwidth);
-    volume_free(&v);
+        shared(csv, name, v, kind, bandwidth);
 }
 
 int main(int argc, char **argv)
 {
-    static const int32_t size[3] = {320, 240, 128};
-    pvx_pool *one, *all;
-    CHECK(pvx_pool_new(1, "bench", &one));
-    CHECK(pvx_pool_new(2, "bench", &all));
-    double bandwidth = bench_bandwidth((size_t)96 << 20, one);
     FILE *csv = bench_csv(argc, argv, "share",
                           "flame,voxels,grids,lit share,bricks,MB,unpack ms,make ms,both ms,"
                           "both p99 ms,bound ms,make over bound");
-    flame(csv, "ring", volume_ring(64, 0.3), bandwidth);
-    flame(csv, "ring", volume_ring(128, 0.3), bandwidth);
-    flame(csv, "ring solved", volume_solved(FLAME_RING, size, all), bandwidth);
-    flame(csv, "pool solved", volume_solved(FLAME_POOL, size, all), bandwidth);
-    pvx_pool_free(&one);
-    pvx_pool_free(&all);
-    fclose(csv);
-    return 0;
+    return volume_each(csv, flame);
 }

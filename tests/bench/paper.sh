@@ -17,7 +17,7 @@ once() { # name, command...: not again after it succeeded; 77: what there is (re
 }
 # Eight cameras on a ring, 15 Hz, high gain: most of the noise is in blue.
 once recorded "$b/bin/pyrovox" simcams --cameras 8 --size 640x480 --fps 15 --ring 100 --noise 1,1,4 --write-frames "$at/take" --write-rig "$at/rig.yaml"
-"$b/bin/pyrovox" experiment "$at/take" --rig "$at/rig.yaml" --black 0.02 --out "$at" || exit $?
+"$b/bin/pyrovox" experiment "$at/take" --rig "$at/rig.yaml" --basis box --black 0.02 --out "$at" || exit $?
 once fires/recorded "$b/tests/bench/record" "$at/fires"
 for fire in "$at"/fires/*", held out, 64^3"; do
     [ -e "$fire/rig.yaml" ] || { echo "no fires: PYROVOX_DATA is the folder that has them" >&2; break; }

@@ -100,4 +100,25 @@ static inline void volume_free(struct volume *v)
     free((void *)v->x.value);
 }
 
+/* Rows of the flame of the simulated cameras on two grids, and of what the solver makes of two.  Closes csv. */
+static inline int volume_each(FILE *csv, void (*rows)(FILE *csv, const char *flame,
+                                                      const struct volume *v, double bandwidth))
+{
+    static const int32_t size[3] = {320, 240, 128};
+    pvx_pool *one, *all;
+    CHECK(pvx_pool_new(1, "bench", &one));
+    CHECK(pvx_pool_new(2, "bench", &all));
+    double bandwidth = bench_bandwidth((size_t)96 << 20, one);
+    for (int i = 0; i < 4; i++) {
+        struct volume v = i < 2 ? volume_ring(64 << i, 0.3)
+                                : volume_solved(i == 2 ? FLAME_RING : FLAME_POOL, size, all);
+        rows(csv, i < 2 ? "ring" : i == 2 ? "ring solved" : "pool solved", &v, bandwidth);
+        volume_free(&v);
+    }
+    pvx_pool_free(&one);
+    pvx_pool_free(&all);
+    fclose(csv);
+    return 0;
+}
+
 #endif

@@ -12,7 +12,7 @@ import numpy as np
 import pyopenvdb
 
 sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../view"))
-from bed import Bed  # noqa: E402
+from bed import Bed, blobs  # noqa: E402
 
 bed = Bed(sys.argv[1], "blender")
 only = sys.argv[2] if len(sys.argv) > 2 else ""
@@ -54,19 +54,6 @@ def ended(p, found, patience=600):
 def background(what, *more):
     p, home, found = blender(what, *more)
     return ended(p, found), home
-
-
-def blobs(n, channels, seed):
-    """A few soft balls and a sharp box, in a grid whose sides are no multiples of 8."""
-    r, (nx, ny, nz) = np.random.default_rng(seed), n
-    z, y, x = np.mgrid[0:nz, 0:ny, 0:nx].astype(float)
-    v = np.zeros((nz, ny, nx, channels))
-    for _ in range(4):
-        c, s = r.uniform(0.25, 0.75, 3) * n, r.uniform(0.06, 0.15) * min(n)
-        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * s * s))[..., None] * r.uniform(0.3, 2, channels)
-    v[v < 0.05] = 0
-    v[3:7, 2:6, nx - 5:nx] = 1.5
-    return v.astype(np.float16).astype(np.float32)
 
 
 def converted(folder):

@@ -19,6 +19,7 @@ enum {
     D,
     LX,
     AR,
+    SCALE,
     R,
     Q,
     W,
@@ -44,7 +45,7 @@ struct bed {
 static void bed_new(struct bed *b, const struct rec_subsys *a, bool per_channel)
 {
     size_t n = (size_t)a->n, rows = a->win.room, lane = (size_t)a->cs * sizeof(float);
-    for (int i = X; i <= AR; i++)
+    for (int i = X; i <= SCALE; i++)
         b->bytes[i] = n * lane;
     b->bytes[R] = b->bytes[Q] = rows * lane;
     b->bytes[W] = rows * sizeof(float);
@@ -75,6 +76,7 @@ static void bed_new(struct bed *b, const struct rec_subsys *a, bool per_channel)
                             .d = b->v[D],
                             .lx = b->v[LX],
                             .ar = b->v[AR],
+                            .scale = b->v[SCALE],
                             .r = b->v[R],
                             .q = b->v[Q]};
     rec_smooth_init(&b->t.smooth, &a->S->grid);
@@ -132,8 +134,8 @@ static void bed_copy(struct bed *to, const struct bed *from)
 static void same(const char *pass, const struct bed *a, const struct bed *b)
 {
     static const char *const name[] = {
-        "x", "next", "phi",  "phi_old", "d",       "lx",          "ar",    "r",    "q",
-        "w", "w4",   "diag", "by",      "inverse", "diag of LVL", "diag2", "runs", "clipped"};
+        "x", "next", "phi",  "phi_old", "d",       "lx",          "ar",    "scale", "r",      "q",
+        "w", "w4",   "diag", "by",      "inverse", "diag of LVL", "diag2", "runs",  "clipped"};
     for (int i = 0; i < N_VECTORS; i++)
         T_CHECK_(memcmp(a->v[i], b->v[i], a->bytes[i]) == 0, "%s: other bits in %s, n %d, cs %d",
                  pass, name[i], a->pb.a->n, a->pb.cs);
@@ -152,6 +154,7 @@ static size_t compare(const struct rec_subsys *a, bool per_channel)
         size_t at; /* in the table */
         int tasks;
     } pass[] = {{"begin", offsetof(struct rec_pcg_passes, begin), COLUMNS},
+                {"scale", offsetof(struct rec_pcg_passes, scale), COLUMNS},
                 {"direction", offsetof(struct rec_pcg_passes, direction), COLUMNS},
                 {"curvature", offsetof(struct rec_pcg_passes, curvature), ROWS | COLUMNS},
                 {"step", offsetof(struct rec_pcg_passes, step), COLUMNS},

@@ -159,15 +159,36 @@ static bool within(const struct bed *b, size_t i, double got, bool scatter)
     return fabs(got - b->exact[i]) <= n * u / (1 - n * u) * b->size[i] + tiny;
 }
 
-static int wrong_adjoint(struct bed *b, rec_windows_adjoint_fn fn, struct rec_slots s, int32_t q0,
-                         int32_t q1)
+/* The windows of columns [q0,q1), all slots, as further ones. */
+static size_t further(const struct bed *b, int32_t q0, int32_t q1, struct rec_more *more)
 {
+    size_t n = 0, size = rec_window_size(&b->m);
+    for (int32_t q = q0; q < q1; q++)
+        for (uint32_t c = 0; c < (uint32_t)b->m.slots; c++) {
+            size_t i = (size_t)q * (size_t)b->m.slots + c;
+            if (b->m.at[i] == b->m.nowhere)
+                continue;
+            more[n] = (struct rec_more){(uint32_t)q, b->m.at[i], c, {0}};
+            memcpy(more[n++].w, b->m.w + i * size, size);
+        }
+    return n;
+}
+
+/* Of a column's own windows, or of the same as further ones: those add to what is there. */
+static int wrong_adjoint(struct bed *b, const struct rec_kernels *k, bool as_more,
+                         struct rec_slots s, int32_t q0, int32_t q1)
+{
+    static struct rec_more more[COLUMNS * REC_SLOTS_MAX];
     int wrong = 0;
     size_t lanes = (size_t)b->cs;
     for (size_t i = 0; i < COLUMNS * lanes; i++)
-        b->out_x[i] = 77;
+        b->out_x[i] = as_more && i >= (size_t)q0 * lanes && i < (size_t)q1 * lanes ? 0 : 77;
     exactly(b, s, q0, q1, false);
-    fn(&b->m, s, q0, q1, b->y, b->out_x);
+    if (as_more)
+        (b->cs == 4 ? k->adjoint4_more : k->adjoint1_more)(
+            &b->m, s, (struct rec_more_run){more, more + further(b, q0, q1, more)}, b->y, b->out_x);
+    else
+        (b->cs == 4 ? k->adjoint4 : k->adjoint1)(&b->m, s, q0, q1, b->y, b->out_x);
     for (size_t i = 0; i < COLUMNS * lanes; i++) {
         bool in = i >= (size_t)q0 * lanes && i < (size_t)q1 * lanes;
         wrong += in ? !within(b, i, b->out_x[i], false) : !(b->out_x[i] >= 77 && b->out_x[i] <= 77);
@@ -175,14 +196,19 @@ static int wrong_adjoint(struct bed *b, rec_windows_adjoint_fn fn, struct rec_sl
     return wrong;
 }
 /* A bin that has no weight keeps its bits. */
-static int wrong_scatter(struct bed *b, rec_windows_scatter_fn fn, struct rec_slots s, int32_t q0,
-                         int32_t q1)
+static int wrong_scatter(struct bed *b, const struct rec_kernels *k, bool as_more,
+                         struct rec_slots s, int32_t q0, int32_t q1)
 {
+    static struct rec_more more[COLUMNS * REC_SLOTS_MAX];
     int wrong = 0;
     size_t n = b->m.room * (size_t)b->cs;
     memcpy(b->out_y, b->y, n * sizeof *b->y);
     exactly(b, s, q0, q1, true);
-    fn(&b->m, s, q0, q1, b->x, b->out_y);
+    if (as_more)
+        (b->cs == 4 ? k->scatter4_more : k->scatter1_more)(
+            &b->m, s, (struct rec_more_run){more, more + further(b, q0, q1, more)}, b->x, b->out_y);
+    else
+        (b->cs == 4 ? k->scatter4 : k->scatter1)(&b->m, s, q0, q1, b->x, b->out_y);
     for (size_t i = 0; i < n; i++)
         wrong += b->terms[i] > 0 ? !within(b, i, b->out_y[i], true)
                                  : !(b->out_y[i] >= b->y[i] && b->out_y[i] <= b->y[i]);
@@ -193,19 +219,20 @@ static void check_kernels(const struct rec_kernels *k, struct bed *b)
 {
     static const int32_t ranges[][2] = {
         {0, COLUMNS}, {0, 1}, {COLUMNS - 1, COLUMNS}, {3, 8}, {5, 5}};
-    rec_windows_adjoint_fn adjoint = b->cs == 4 ? k->adjoint4 : k->adjoint1;
-    rec_windows_scatter_fn scatter = b->cs == 4 ? k->scatter4 : k->scatter1;
     for (size_t r = 0; r < sizeof ranges / sizeof *ranges; r++)
         for (int32_t s0 = 0; s0 <= b->m.slots; s0++)
             for (int32_t s1 = s0; s1 <= b->m.slots; s1++) {
+                const struct rec_slots s = {s0, s1};
                 int32_t q0 = ranges[r][0], q1 = ranges[r][1];
-                int wrong[2] = {wrong_adjoint(b, adjoint, (struct rec_slots){s0, s1}, q0, q1),
-                                wrong_scatter(b, scatter, (struct rec_slots){s0, s1}, q0, q1)};
-                T_CHECK_(wrong[0] == 0 && wrong[1] == 0,
+                int wrong[2] = {wrong_adjoint(b, k, false, s, q0, q1),
+                                wrong_scatter(b, k, false, s, q0, q1)};
+                int of_more[2] = {wrong_adjoint(b, k, true, s, q0, q1),
+                                  wrong_scatter(b, k, true, s, q0, q1)};
+                T_CHECK_(wrong[0] == 0 && wrong[1] == 0 && of_more[0] == 0 && of_more[1] == 0,
                          "%s, %d channels, %dx%d, slots [%d,%d) of %d, columns [%d,%d): wrong in "
-                         "%d of A'y, %d of A x",
+                         "%d of A'y, %d of A x, as further windows %d, %d",
                          pvx_cpu_name(k->cpu), b->cs, b->m.high, b->m.wide, s0, s1, b->m.slots, q0,
-                         q1, wrong[0], wrong[1]);
+                         q1, wrong[0], wrong[1], of_more[0], of_more[1]);
             }
 }
 
@@ -242,6 +269,8 @@ T_CASE(vectors_are_not_the_reference)
         rec_kernels_init(&k, (enum pvx_cpu)level);
         T_OK(k.adjoint1 != ref.adjoint1 && k.scatter1 != ref.scatter1);
         T_OK(k.adjoint4 != ref.adjoint4 && k.scatter4 != ref.scatter4);
+        T_OK(k.adjoint1_more != ref.adjoint1_more && k.scatter1_more != ref.scatter1_more);
+        T_OK(k.adjoint4_more != ref.adjoint4_more && k.scatter4_more != ref.scatter4_more);
     }
 }
 

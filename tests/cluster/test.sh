@@ -108,7 +108,7 @@ case_whole_job() {
     for f in "$dir"/share/whole_job/one/*.npy; do cmp "$f" "$dir/share/whole_job/npy/${f##*/}" || return; n=$((n + 1)); done
     [ $n = "$sets" ] || return
     "$pyrovox" play "$out" --speed 0 --quiet --endpoint "ipc://$dir/volumes" & local p=$!
-    run timeout 300 "$pyrovox" record --endpoint "ipc://$dir/volumes" --out "$dir/share/whole_job/played.h5"; says 0 || { kill $p; return 1; }
+    run timeout 600 "$pyrovox" record --endpoint "ipc://$dir/volumes" --out "$dir/share/whole_job/played.h5"; says 0 || { kill $p; return 1; }
     wait $p && [ "$(sets_in "$dir/share/whole_job/played.h5")" = "$sets" ] || return
     run solve --join; says 0 || return
     # and again: nothing to do, nothing done
@@ -255,7 +255,7 @@ case_damaged_part() { # cut off after it was done, as where a file server has lo
 case_without_resume() { # what was solved is not solved over by mistake
     run solve --array 1/2; says 0 || return
     local before; before=$(kept 'part-*.h5')
-    run solve --array 1/2; refuses '[-]-resume goes on' && [ "$(kept 'part-*.h5')" = "$before" ]
+    run solve --array 1/2; refuses '[-]-resume continues it' && [ "$(kept 'part-*.h5')" = "$before" ]
 }
 case_other_rig() { # a file of the same name that is another one on one of the nodes; another version of Pyrovox there
     other_rig_on_2; how+=(--rig "$dir/local/rig.yaml")

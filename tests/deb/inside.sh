@@ -55,7 +55,7 @@ check checks_configuration in_it pyrovoxd --check-config
 lives() { # as the unit would: volumes out, a take closed in order
     install -d "$root/run/pyrovox" "$root/var/lib/pyrovox" && in_it chown pyrovox: /run/pyrovox /var/lib/pyrovox
     in_it bash -c 'setpriv --reuid=pyrovox --regid=pyrovox --clear-groups env PYROVOX_CACHE=/tmp/cache-of-it pyrovoxd & d=$!
-        timeout 120 pyrovox record --endpoint ipc:///run/pyrovox/volumes --out /tmp/vol --volumes 5 --quiet; r=$?
+        timeout 600 pyrovox record --endpoint ipc:///run/pyrovox/volumes --out /tmp/vol --volumes 5 --quiet; r=$?
         kill -TERM $d; wait $d || r=1; exit $r' && in_it pyrovox replay --info /var/lib/pyrovox/night.h5 | grep 'closed in order'
 }
 check daemon_lives lives

@@ -34,6 +34,8 @@ def best(e):
 target = np.array([best(e) for e in error])
 least = error.min(axis=1)
 use = fitted & np.isfinite(target)
+if use.sum() <= len(names):
+    sys.exit("%d cases tell something of the %d exponents, more are needed: make fit CASES=n" % (use.sum(), len(names)))
 mine, *_ = np.linalg.lstsq(X[use], target[use], rcond=None)
 spread = np.sqrt(np.sum((target[use] - X[use] @ mine) ** 2) / (use.sum() - len(mine)))
 stderr = spread * np.sqrt(np.diag(np.linalg.inv(X[use].T @ X[use])))

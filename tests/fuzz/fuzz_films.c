@@ -1,42 +1,13 @@
 /* fuzz_films.c - any bytes as a film in a file: refused with a line that names the file, or read: pictures of one size and
  * format at times that ascend, and that cap_video_times gives, too. */
-#include <fcntl.h>
 #include <stdbool.h>
-#include <string.h>
-#include <unistd.h>
 
-#include "base/file.h"
 #include "capture/files/imgio.h"
-#include "tests/fuzz/fuzz.h"
+#include "tests/fuzz/input_file.h"
 
 #define SIDE_MAX 16384
 #define FRAMES   8
 #define FAR      (INT64_MAX / 4) /* times, so that others may subtract them */
-
-static char folder[] = "/dev/shm/fuzz_films-XXXXXX", film[64];
-
-static void remove_all(void)
-{
-    unlink(film);
-    rmdir(folder);
-}
-
-static void make(void)
-{
-    char exe[200], lib[256];
-    MUST(pvx_exe_dir(exe, sizeof exe) == PVX_OK);
-    snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
-    setenv("PYROVOX_LIBDIR", lib, 1);
-    MUST(mkdtemp(folder) != NULL);
-    snprintf(film, sizeof film, "%s/film.avi", folder);
-    atexit(remove_all);
-}
-
-static void said(pvx_err e, const struct pvx_diag *d)
-{
-    MUST(e == PVX_ENOMEM || strncmp(d->text, film, strlen(film)) == 0);
-    MUST(strchr(d->text, '\n') == NULL);
-}
 
 static void check(const struct cap_image *img, const struct cap_video_info *info)
 {
@@ -80,36 +51,32 @@ static void frames(cap_video *v, const struct cap_video_info *info, const int64_
         fuzz_taken++;
     }
     if (e != PVX_OK && e != PVX_ECLOSED)
-        said(e, &d);
+        input_refused(e, &d);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    if (film[0] == '\0')
-        make();
-    int fd = open(film, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    MUST(fd >= 0 && write(fd, data, size) == (ssize_t)size);
-    close(fd);
+    input_write("film.avi", data, size);
     struct pvx_diag d = {""};
     struct cap_video_info info;
     cap_video *v;
     int64_t *times;
     size_t n;
-    pvx_err e = cap_video_times(film, &times, &n, &d);
+    pvx_err e = cap_video_times(input_file, &times, &n, &d);
     if (e != PVX_OK) {
         MUST(times == NULL && n == 0);
-        said(e, &d);
+        input_refused(e, &d);
     }
     for (size_t i = 0; i < n; i++)
         MUST(times[i] >= -FAR && times[i] <= FAR && (i == 0 || times[i] > times[i - 1]));
-    e = cap_video_open(film, &v, &info, &d);
+    e = cap_video_open(input_file, &v, &info, &d);
     if (e == PVX_OK) {
         MUST(info.fps >= 0 && info.fps < 1e6);
         frames(v, &info, times, n);
         cap_video_close(&v);
     } else {
         MUST(v == NULL);
-        said(e, &d);
+        input_refused(e, &d);
     }
     free(times);
     return 0;

@@ -1,4 +1,4 @@
-/* fuzz_mesh.c - any bytes as a mesh file: the first says as what (STL or PLY), the rest is the file.
+/* fuzz_mesh.c - any bytes behind the first as a mesh file.
  * Refused in one line, or a closed body of finite size at which rays end or do not. */
 #include <math.h>
 #include <string.h>
@@ -29,16 +29,13 @@ static void use(struct rec_mesh *m)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static char path[2][64]; /* one of each kind, written over again and again */
+    static char name[64]; /* written over again and again */
     struct pvx_diag d = {""};
     struct rec_mesh *m;
     if (size == 0)
         return 0;
-    int kind = data[0] == 'p';
-    char *name = path[kind];
     if (name[0] == '\0')
-        snprintf(name, sizeof path[0], "/dev/shm/pvx_fuzz_mesh_%d.%s", (int)getpid(),
-                 kind ? "ply" : "stl");
+        snprintf(name, sizeof name, "/dev/shm/pvx_fuzz_mesh_%d.stl", (int)getpid());
     FILE *f = fopen(name, "wb");
     MUST(f != NULL);
     MUST(fwrite(data + 1, 1, size - 1, f) == size - 1);

@@ -30,7 +30,7 @@ struct bv {
     int w, h;
     struct bv_camera cam[BV_CAMERAS];
     struct bv_pose pose[BV_FRAMES];
-    double noise, wrong, warp[3], thickness; /* px; share of corners; m; m */
+    double noise, wrong, wrong_px, warp[3], thickness; /* px; share of corners; px; m; m */
     struct rec_board_view view[BV_CAMERAS * BV_FRAMES];
     struct rec_board_corner corner[BV_CAMERAS * BV_FRAMES][BV_CORNERS];
     struct rec_calib_camera named[BV_CAMERAS];
@@ -57,8 +57,13 @@ static inline void bv_unit(double a[3])
  * 30 mm, 100 frames. */
 static inline void bv_init(struct bv *s, size_t n, bool two_sided)
 {
-    *s = (struct bv){
-        .cameras = n, .frames = 100, .w = 640, .h = 480, .noise = 0.1, .thickness = 0.005};
+    *s = (struct bv){.cameras = n,
+                     .frames = 100,
+                     .w = 640,
+                     .h = 480,
+                     .noise = 0.1,
+                     .wrong_px = 8,
+                     .thickness = 0.005};
     s->board = (struct rec_board){.kind = REC_CHARUCO,
                                   .cols = 8,
                                   .rows = 11,
@@ -168,7 +173,7 @@ static inline void bv_look(struct bv *s, uint32_t i, uint32_t f, const struct bv
             X[j] = p->o[j] + x * p->x[j] + y * p->y[j] + z * p->z[j];
         if (!bv_project(s, c, f, X, uv))
             continue;
-        double off = t_uniform(0, 1) < s->wrong ? 8 : 0;
+        double off = t_uniform(0, 1) < s->wrong ? s->wrong_px : 0;
         v->corner[v->n++] =
             (struct rec_board_corner){id,
                                       uv[0] + s->noise * t_normal() + off * t_uniform(-1, 1),

@@ -24,12 +24,17 @@ static inline void cli_begin(void)
     scratch_new();
 }
 
-/* Exit code of `pyrovox ARGS`; what it prints is left in DIR/out.txt and DIR/err. */
+/* Exit code of `pyrovox ARGS`; what it prints is left in DIR/out.txt and DIR/err.  Volumes that an earlier command left
+ * in its --out are removed. */
 static inline int pyrovox(const char *args)
 {
-    char cmd[2000];
-    snprintf(cmd, sizeof cmd, "cd %s && PYROVOX_CACHE=%s/cache %s/pyrovox %s >out.txt 2>err", dir,
-             dir, exe, args);
+    char cmd[2000], out[100] = "nothing";
+    const char *option = strstr(args, "--out ");
+    if (option != NULL)
+        sscanf(option, "--out %99s", out);
+    snprintf(cmd, sizeof cmd,
+             "cd %s && rm -f %s/*.npy && PYROVOX_CACHE=%s/cache %s/pyrovox %s >out.txt 2>err", dir,
+             out, dir, exe, args);
     int rc = system(cmd);
     return WIFEXITED(rc) ? WEXITSTATUS(rc) : -1;
 }

@@ -12,7 +12,7 @@ static void right(long number)
     struct pvx_diag d = {""};
     bool found[ADVISE_TERMS], needed[ADVISE_TERMS];
     advise_scene_new(&s, (uint64_t)(number + (1L << 40)), number >= 0, pool);
-    s.sets.params.voxels = 32; /* less than is usual, and enough here */
+    s.sets.params.voxels = 24; /* less than is usual, and enough here */
     T_EQ_I(advise_terms(&s.sets, &a, &d), PVX_OK);
     advise_verdict(&s, &a, needed, found);
     for (int k = 0; k < ADVISE_TERMS; k++)
@@ -33,8 +33,12 @@ T_CASE(clipped_pictures_need_no_more_light)
     T_EQ_S(advise_exposure(&s, &a), "raise");
     s.depth.top = 4095;
     T_EQ_S(advise_exposure(&s, &a), "fine");
+    T_OK(advise_first(&s, &a) == NULL);
+    a.gain.on = true;
+    T_CONTAINS(advise_first(&s, &a), "first correct the gains");
     a.saturated = 0.06;
     T_EQ_S(advise_exposure(&s, &a), "lower");
+    T_CONTAINS(advise_first(&s, &a), "first expose a quarter as long");
 }
 
 T_CASE(a_black_level_and_a_body)

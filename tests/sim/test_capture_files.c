@@ -4,6 +4,7 @@
 
 #include "capture/files/imgio.h"
 #include "tests/lib/avi.h"
+#include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 
 #define N 4
@@ -483,15 +484,4 @@ T_CASE(cameras_begin_together)
     scratch_remove();
 }
 
-int main(int argc, char **argv)
-{
-    (void)argc;
-    /* programs lie in BUILD/tests/sim, the module in BUILD/lib/pyrovox */
-    char lib[512];
-    const char *slash = strrchr(argv[0], '/');
-    snprintf(lib, sizeof lib, "%.*s/../../lib/pyrovox", slash != NULL ? (int)(slash - argv[0]) : 1,
-             slash != NULL ? argv[0] : ".");
-    setenv("PYROVOX_LIBDIR", lib, 0);
-    pvx_log_set_level(PVX_LOG_ERROR);
-    return t_run();
-}
+T_MAIN((plugins_of_this_build(), pvx_log_set_level(PVX_LOG_ERROR)), (void)0)

@@ -224,11 +224,13 @@ T_CASE(one_camera_among_others_that_stay)
 /* A tetrahedron. */
 static void write_mesh(const char *name)
 {
-    static const char ply[] =
-        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-        "property float z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
-        "0 0 0\n0.01 0 0\n0 0.01 0\n0 0 0.01\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
-    T_EQ_I(pvx_file_write(at("%s", name), ply, strlen(ply), NULL), PVX_OK);
+#define FACET(a, b, c)                                                                    \
+    "facet normal 0 0 0\nouter loop\nvertex " a "\nvertex " b "\nvertex " c "\nendloop\n" \
+    "endfacet\n"
+    static const char stl[] = "solid rod\n" FACET("0 0 0", "0 .01 0", ".01 0 0")
+        FACET("0 0 0", ".01 0 0", "0 0 .01") FACET("0 0 0", "0 0 .01", "0 .01 0")
+            FACET(".01 0 0", "0 .01 0", "0 0 .01") "endsolid rod\n";
+    T_EQ_I(pvx_file_write(at("%s", name), stl, strlen(stl), NULL), PVX_OK);
 }
 
 /* In the old world bodies stay, with meshes that are found from the new file; in another one it is said. */
@@ -239,8 +241,8 @@ T_CASE(bodies_are_kept_or_missed)
     struct pvx_diag d = {""};
     T_EQ_I(mkdir(at("parts"), 0755), 0);
     T_EQ_I(mkdir(at("else"), 0755), 0);
-    write_mesh("parts/rod.ply");
-    snprintf(yaml, sizeof yaml, "%sbodies:\n  - { name: rod, mesh: parts/rod.ply }\n",
+    write_mesh("parts/rod.stl");
+    snprintf(yaml, sizeof yaml, "%sbodies:\n  - { name: rod, mesh: parts/rod.stl }\n",
              slurp("true.yaml"));
     T_EQ_I(pvx_file_write(at("bodies.yaml"), yaml, strlen(yaml), NULL), PVX_OK);
     T_EQ_I(rec_rig_load(at("bodies.yaml"), &old, &d), PVX_OK);
@@ -252,7 +254,7 @@ T_CASE(bodies_are_kept_or_missed)
                  out[i]);
         T_EQ_I(pyrovox(arg), 0);
         T_OK(strstr(slurp("err"), "left out") == NULL);
-        T_OK((strstr(slurp(out[i]), "mesh: \"parts/rod.ply\"") != NULL) == (i == 0));
+        T_OK((strstr(slurp(out[i]), "mesh: \"parts/rod.stl\"") != NULL) == (i == 0));
         T_OK((strstr(slurp(out[i]), "mesh: \"/") != NULL) == (i == 1));
         T_EQ_I(rec_rig_load(at("%s", out[i]), &rig, &d), PVX_OK);
         T_EQ_S(d.text, "");

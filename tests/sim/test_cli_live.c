@@ -141,7 +141,7 @@ T_CASE(goes_on_and_ctrl_c_keeps_everything)
 /* What solve makes of the pictures is what live made of them. */
 T_CASE(solve_finds_the_same_rig)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     T_EQ_I(pyrovox("calibrate solve --quiet --frames rig-frames --board " BOARD " " VOLUME
                    " --floor 0 --out same.yaml"),
            0);
@@ -153,7 +153,7 @@ T_CASE(solve_finds_the_same_rig)
 
 T_CASE(the_flame_is_as_near_as_with_the_true_rig)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct rec_rig truth, rig;
     struct pvx_diag d = {""};
     double rms = NAN, worst = NAN;

@@ -122,6 +122,7 @@ T_CASE_OF_THREADS(flame_comes_back)
 /* Cameras so near that their views are 80 degrees wide, as pinholes and as fisheyes. */
 T_CASE(fisheyes_are_as_good_as_pinholes)
 {
+    T_NOT_UNDER_SANITIZERS();
     static const double lens[4] = {-0.03, 0.011, -0.006, 0.001};
     struct rec_rig usual = rig;
     double error[2];
@@ -150,6 +151,7 @@ T_CASE(fisheyes_are_as_good_as_pinholes)
 
 T_CASE(trilinear_and_other_solvers)
 {
+    T_NOT_UNDER_SANITIZERS();
     T_EQ_I(reconstruct("--out tri --basis trilinear --last 0 --quiet"), 0);
     T_LE(volume_error("tri/000000.npy", 0, REC_TRILINEAR), 0.25);
     T_OK(access(at("tri/000001.npy"), F_OK) != 0); /* --last */
@@ -265,6 +267,7 @@ T_CASE(a_camera_that_lies_is_left_out)
 /* The same frame: a black camera, believed, leaves no box; left out, the box is that of the other seven. */
 T_CASE(nor_does_it_spoil_the_fitted_volume)
 {
+    T_NOT_UNDER_SANITIZERS();
     struct rec_rig with, without;
     struct pvx_diag d = {""};
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES

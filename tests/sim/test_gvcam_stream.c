@@ -107,38 +107,6 @@ T_CASE(every_format_bit_for_bit)
     g_object_unref(cam);
 }
 
-T_CASE(software_trigger_is_one_frame)
-{
-    ArvCamera *cam = bed_client(1);
-    if (cam == NULL)
-        return;
-    BED(arv_camera_set_pixel_format(cam, ARV_PIXEL_FORMAT_RGB_8_PACKED, &e));
-    BED(arv_camera_set_trigger(cam, "Software", &e));
-    ArvStream *s = bed_start(cam, 8, false);
-    struct cap_gvcam_stats before = bed_stats(1);
-    for (int k = 0; k < 6; k++) {
-        int64_t t0 = pvx_now_real();
-        BED(arv_camera_software_trigger(cam, &e));
-        int64_t t1 = pvx_now_real();
-        ArvBuffer *b = bed_next(s, NULL);
-        if (b == NULL)
-            break;
-        int64_t stamp = (int64_t)arv_buffer_get_timestamp(b);
-        T_OK(stamp >= t0 && stamp <= t1);
-        size_t size;
-        const void *data = arv_buffer_get_image_data(b, &size);
-        T_EQ_I(size, BED_W * BED_H * 3);
-        T_OK(memcmp(data, bed_truth(1, stamp), size) == 0);
-        arv_stream_push_buffer(s, b);
-        usleep(2000); /* exposure: 1 ms */
-    }
-    struct cap_gvcam_stats after = bed_stats(1);
-    T_EQ_I(after.triggers - before.triggers, 6);
-    T_EQ_I(after.frames - before.frames, 6);
-    bed_stop(cam, &s);
-    g_object_unref(cam);
-}
-
 /* Good frame: bytes and size are right for its stamp.  Its id. */
 static uint64_t check_frame(int c, ArvBuffer *b)
 {
@@ -148,69 +116,6 @@ static uint64_t check_frame(int c, ArvBuffer *b)
     T_OK(size == BED_W * BED_H * 3 &&
          memcmp(data, bed_truth(c, (int64_t)arv_buffer_get_timestamp(b)), size) == 0);
     return arv_buffer_get_frame_id(b);
-}
-
-/* The next frame, exposed when it is asked for: however slow the client, what it asks for again is
- * still remembered. */
-
-T_CASE(lost_packets_are_sent_again)
-{
-    ArvCamera *cam = bed_rgb(0, 600); /* 103 packets a frame */
-    if (cam == NULL)
-        return;
-    BED(arv_camera_set_trigger(cam, "Software", &e));
-    struct cap_gvcam_stats before = bed_stats(0);
-    ArvStream *s = bed_start(cam, 30, true);
-    /* however busy the machine: what was asked for in time shall not be given up */
-    g_object_set(s, "frame-retention", 5000000u, NULL);
-    bed_fault(0, (struct cap_gvcam_fault){.packet_loss = 0.005});
-    int bad = 0;
-    uint64_t last = 0;
-    for (int k = 0; k < 60; k++) {
-        ArvBuffer *b = bed_triggered(cam, s, &bad);
-        if (b == NULL)
-            break;
-        uint64_t id = check_frame(0, b);
-        if (last != 0)
-            T_EQ_I(id, last == 65535 ? 1 : last + 1);
-        last = id;
-        arv_stream_push_buffer(s, b);
-    }
-    guint64 resent = 0, missing = 0;
-    arv_gv_stream_get_statistics(ARV_GV_STREAM(s), &resent, &missing);
-    bed_stop(cam, &s);
-    bed_fault(0, (struct cap_gvcam_fault){0});
-    struct cap_gvcam_stats after = bed_stats(0);
-    T_EQ_I(bad, 0);
-    T_EQ_I(missing, 0);
-    T_LE(5, after.lost - before.lost);
-    T_LE(5, resent);
-    T_LE(resent, after.resent - before.resent);
-    T_LE(5, after.torn - before.torn);
-    T_EQ_I(after.gone - before.gone, 0);
-    g_object_unref(cam);
-}
-
-T_CASE(numbers_skip_zero)
-{
-    struct cap_gvcam_config config = bed_config(0);
-    config.first_id = 65530;
-    bed_restart(0, &config);
-    ArvCamera *cam = bed_rgb(0, 9000);
-    if (cam == NULL)
-        return;
-    BED(arv_camera_set_trigger(cam, "Software", &e));
-    ArvStream *s = bed_start(cam, 10, true);
-    g_object_set(s, "frame-retention", 5000000u, NULL);
-    for (uint64_t want = 65530; want != 12; want = want == 65535 ? 1 : want + 1) {
-        ArvBuffer *b = bed_triggered(cam, s, NULL);
-        if (b == NULL)
-            break;
-        T_EQ_I(check_frame(0, b), want);
-        arv_stream_push_buffer(s, b);
-    }
-    bed_stop(cam, &s);
-    g_object_unref(cam);
 }
 
 T_CASE(numbers_of_64_bits_go_on)
@@ -254,52 +159,6 @@ static ArvCamera *chunk_client(const char *layout)
     BED(arv_camera_set_gain(cam, 6.5, &e));
     BED(T_EQ_I(arv_camera_get_payload(cam, &e), BED_W * BED_H * 3 + 7 * 8 + 8 + 4 + 8 + 4 + 4 + 4));
     return cam;
-}
-
-static gint64 chunk_int(ArvChunkParser *parser, ArvBuffer *b, const char *name)
-{
-    gint64 v = 0;
-    BED(v = arv_chunk_parser_get_integer_value(parser, b, name, &e));
-    return v;
-}
-
-static double chunk_float(ArvChunkParser *parser, ArvBuffer *b, const char *name)
-{
-    double v = 0;
-    BED(v = arv_chunk_parser_get_float_value(parser, b, name, &e));
-    return v;
-}
-
-T_CASE(chunks_can_be_parsed)
-{
-    ArvCamera *cam = chunk_client("ImageExtendedChunk");
-    if (cam == NULL)
-        return;
-    ArvChunkParser *parser = arv_camera_create_chunk_parser(cam);
-    BED(arv_camera_set_trigger(cam, "Software", &e));
-    ArvStream *s = bed_start(cam, 10, false);
-    for (int n = 0; n < 4; n++) {
-        ArvBuffer *b = bed_triggered(cam, s, NULL);
-        if (b == NULL)
-            break;
-        T_OK(arv_buffer_has_chunks(b));
-        uint64_t stamp = arv_buffer_get_timestamp(b);
-        size_t size;
-        const void *data = arv_buffer_get_image_data(b, &size);
-        T_LE(BED_W * BED_H * 3, size);
-        T_OK(memcmp(data, bed_truth(2, (int64_t)stamp), BED_W * BED_H * 3) == 0);
-        T_EQ_I(chunk_int(parser, b, "ChunkTimestamp"), stamp);
-        T_EQ_I(chunk_int(parser, b, "ChunkFrameID"), arv_buffer_get_frame_id(b));
-        T_EQ_I(chunk_int(parser, b, "ChunkFrameCounter"), n);
-        T_EQ_I(chunk_int(parser, b, "ChunkLineStatusAll"), 0);
-        T_NEAR(chunk_float(parser, b, "ChunkExposureTime"), 2500, 0);
-        T_NEAR(chunk_float(parser, b, "ChunkGain"), 6.5, 0);
-        arv_stream_push_buffer(s, b);
-    }
-    bed_stop(cam, &s);
-    BED(arv_camera_clear_triggers(cam, &e));
-    g_object_unref(parser);
-    g_object_unref(cam);
 }
 
 /* Payload type 0x0005, which Aravis 0.8 takes for an image with something after it: by hand. */

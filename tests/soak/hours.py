@@ -8,14 +8,15 @@ view, url, hours, seed, out = int(sys.argv[6]), sys.argv[7], float(sys.argv[8]),
 lab.begin(*sys.argv[1:6], url, 8)
 random.seed(int(seed))
 FAULTS_S, REST_S, LEAST = 60, 12, 8 # of a cycle; rests that a slope needs
+FASTER = float(os.environ.get("FASTER", 1)) # so many times as many faults, each shorter by its root
 # What must not grow; the slope that is too small to matter, per hour: 64 KiB are half a gigabyte a year.
-COLUMNS = {"memory": ("KiB", 64), "threads": ("", 0.01), "handles": ("", 0.01), "view": ("KiB", 64), "view handles": ("", 0.01), "recorder": ("KiB", None), "p50": ("ms", None), "p99": ("ms", None),
+COLUMNS = {"memory": ("KiB", 64), "areas": ("KiB", 64), "touched": ("KiB", None), "threads": ("", 0.01), "handles": ("", 0.01), "view": ("KiB", 64), "view areas": ("KiB", 64),
+           "view handles": ("", 0.01), "recorder": ("KiB", None), "p50": ("ms", None), "p99": ("ms", None),
            "spread": ("ms", None), "cpu": ("%", None), "rate": ("sets/s", None), "disk": ("%", None)}
 
 volumes = collections.deque(maxlen=1 << 18) # of the steady subscriber: set, latency, spread
 def tend(all_of_them=False):
-    s = lab.ask(cmd="status")
-    for what in recordings.tend(s, {v[0] for v in volumes.copy()}, all_of_them):
+    for what in recordings.tend({v[0] for v in volumes.copy()}, all_of_them):
         lab.ask(cmd="record", what=what, action="start")
 
 tended = 0
@@ -31,7 +32,7 @@ def busy_s(pid):
 def recorder_kib(pid):
     for task in os.listdir("/proc/%d/task" % pid):
         for child in open("/proc/%d/task/%s/children" % (pid, task)).read().split():
-            if open("/proc/%s/comm" % child).read() == "pyrovox\n": return lab.used(int(child))[0]
+            if open("/proc/%s/comm" % child).read() == "pyrovox\n": return sum(lab.used(int(child))[0:3:2])
     return float("nan") # the disk was full a moment ago
 
 def rest(pid):
@@ -40,14 +41,14 @@ def rest(pid):
     meanwhile()
     volumes_before, t0, cpu0 = len(volumes), time.monotonic(), busy_s(pid)
     first = volumes[-1][0] if volumes else -1
-    memory, threads, handles = lab.least_used(pid, REST_S)
-    view_memory, _, view_handles = lab.used(view)
+    memory, areas, touched, threads, handles = lab.least_used(pid, REST_S)
+    view_memory, view_areas, _, _, view_handles = lab.used(view)
     took = time.monotonic() - t0
     late = np.array([v for v in volumes.copy() if v[0] > first] or [(0, np.nan, np.nan)], float) * 1e-6
     s = lab.ask(cmd="status")
     lab.accounts(s)
-    return whole, dict(hours=(time.monotonic() - begun) / 3600, memory=memory, threads=threads, handles=handles, recorder=recorder_kib(pid),
-                       **{"view": view_memory, "view handles": view_handles},
+    return whole, dict(hours=(time.monotonic() - begun) / 3600, memory=memory, areas=areas, touched=touched, threads=threads, handles=handles, recorder=recorder_kib(pid),
+                       **{"view": view_memory, "view areas": view_areas, "view handles": view_handles},
                        p50=np.median(late[:, 1]), p99=np.quantile(late[:, 1], 0.99), spread=np.quantile(late[:, 2], 0.99), cpu=100 * (busy_s(pid) - cpu0) / took,
                        rate=len(late) / took, disk=100 * (1 - recordings.share_free()))
 
@@ -67,7 +68,7 @@ def picture(x, rows, found, path):
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-    figure, axes = plt.subplots(6, 2, figsize=(11, 13), sharex=True)
+    figure, axes = plt.subplots(8, 2, figsize=(11, 17), sharex=True)
     for ax, (name, (unit, _)) in zip(axes.flat, COLUMNS.items()):
         y, (b, error) = np.array([r[name] for r in rows], float), found[name]
         ax.plot(x, y, ".", ms=4)
@@ -117,8 +118,8 @@ with open(out + ".csv", "w", newline="") as f:
         while time.monotonic() - begun < 3600 * hours or not rows:
             until = time.monotonic() + (FAULTS_S if rows else 0)
             while time.monotonic() < until:
-                tally[lab.fault(0.2, 8)] += 1
-                lab.faults_for(random.uniform(0.5, 4), meanwhile)
+                tally[lab.fault(0.2, 8 / FASTER ** 0.5)] += 1
+                lab.faults_for(random.uniform(0.5, 4) / FASTER, meanwhile)
             ok, row = rest(pid)
             whole += ok
             rows.append(row)

@@ -2,7 +2,8 @@
 # Eight GigE Vision cameras before the built daemon for hours, with faults in random order: cameras, their clocks and
 # packets, the switch, a disk that fills and empties under recordings that roll over, subscribers that come and go.
 # It must live and not grow, and know what became of every set.
-#   hours.sh BUILD HOURS      SEED=n; BUSY=1: every processor of the machine is busy as well; FPS=n (10)
+#   hours.sh BUILD HOURS      SEED=n; BUSY=1: every processor of the machine is busy as well; FPS=n (10);
+#                         FASTER=n: n times as many faults in a time, each shorter
 set -u
 export PYROVOX_BUILD; PYROVOX_BUILD=$(realpath "${1:-build}")
 # a disk of its own that can be full

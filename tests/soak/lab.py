@@ -1,5 +1,5 @@
 """A built daemon, its simulated cameras and its disk, for hours: what is asked of it, what can go wrong there."""
-import os, random, socket, threading, time
+import os, random, resource, socket, threading, time
 import zmq
 import pyrovox_sub, ws
 
@@ -22,7 +22,7 @@ def order(text):
     orders.write(text + "\n"); orders.flush()
 
 def ask(**what):
-    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 20000; s.connect(control)
+    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 600000; s.connect(control)
     try:
         s.send_json(what); return s.recv_json()
     finally:
@@ -32,10 +32,20 @@ def daemon():
     """Its process id: the one child of simcams."""
     return int(open("/proc/%s/task/%s/children" % (sim, sim)).read().split()[0])
 
+STACK = resource.getrlimit(resource.RLIMIT_STACK)[0] // 1024
 def used(pid):
-    """Memory in KiB, threads, handles."""
-    lines = dict(l.split(":", 1) for l in open("/proc/%d/status" % pid))
-    return (int(lines["VmRSS"].split()[0]), int(lines["Threads"]), len(os.listdir("/proc/%d/fd" % pid)))
+    """In KiB memory but for reserved areas, these, and what of them is touched; threads, handles.  An area has a size from the
+    start (daemon/base/mem.h) and no name.  It is touched as far as the largest set until now needs it.  Stacks of threads are
+    no areas: libc keeps some of those that ended."""
+    memory = areas = touched = 0
+    for line in open("/proc/%d/smaps" % pid):
+        what, value = line.split(maxsplit=1)
+        if what[-1] != ":": unnamed = len(value.split()) == 4
+        elif what == "Size:" and unnamed:
+            if int(value.split()[0]) != STACK: areas += int(value.split()[0])
+        elif what == "Rss:" and unnamed: touched += int(value.split()[0])
+        elif what == "Rss:": memory += int(value.split()[0])
+    return memory, areas, touched, len(os.listdir("/proc/%d/task" % pid)), len(os.listdir("/proc/%d/fd" % pid))
 
 def least_used(pid, seconds):
     """Cameras that were let go while they were silent take Aravis some seconds more: the least of a while is looked at."""

@@ -13,7 +13,11 @@ def series(path):
     return (head, int(part)) if head and len(part) == 4 and part.isdigit() else (stem, 1)
 
 def look(kind, path):
-    with h5py.File(path, "r") as f:
+    try: f = h5py.File(path, "r")
+    except OSError as e: # goes on: what else happens in these hours is wanted too
+        lab.wrong.append("%s: %s" % (path, e))
+        return []
+    with f:
         if f.attrs["closed"] != 1: lab.wrong.append("%s was not closed" % path)
         if kind == "raw":
             there = [int(n) for n in f["sets"]["number"]]
@@ -45,11 +49,16 @@ def share_free():
     v = os.statvfs(lab.disk)
     return v.f_bavail / v.f_blocks
 
-def tend(state, published, all_of_them=False):
+def listed(kind):
+    return sorted(glob.glob("%s/%s-*.h5" % (lab.disk, kind)), key=lambda p: os.stat(p).st_mtime_ns)
+
+def tend(published, all_of_them=False):
     """Begins what has ended, if there is room; reads what is closed, oldest first, and then lets it go."""
+    files_of = {kind: listed(kind) for kind in files} # before the question: a file that begins after the answer is none of these
+    state = lab.ask(cmd="status")
     runs = {"raw": state["record"]["state"] == "recording", "volumes": state["record_volumes"]["running"]}
     for kind in runs:
-        there = sorted(glob.glob("%s/%s-*.h5" % (lab.disk, kind)), key=lambda p: os.stat(p).st_mtime_ns)
+        there = files_of[kind]
         for path in there[:len(there) - runs[kind]]: # the last is being written
             if all_of_them or share_free() < kept:
                 account(kind, path, published)

@@ -16,6 +16,10 @@ check status-has-skews wait_for field \
     "len(s['skew']['edges_us']) == 28 and all(c['skew']['n'] > 5 and sum(c['skew']['bins']) == c['skew']['n'] and c['troubles'] == [] or c['troubles'] for c in s['cameras'])"
 check skews-for-people grep -q '^spread of a set .*|.*|$' <("$pyrovox" status --endpoint "$control")
 check status-for-people grep -q '^latency' <("$pyrovox" status --endpoint "$control")
+says_good() { # and without cameras that run, bad
+    "$pyrovox" status --endpoint "$control" --exit-code > "$dir/good.txt" && tail -n 1 "$dir/good.txt" | grep -qE '^good: (residual [0-9.]+ % \(noise allows [0-9.]+ %\), 4 cameras agree|4 cameras agree)'
+}
+check status-ends-with-a-verdict wait_for says_good
 check top-prints-lines says_soon sets/s "$pyrovox" top --endpoint "$volumes" --truth 1,2
 check record "$pyrovox" record --quiet --endpoint "$volumes" --volumes 5 --out "$dir/rec"
 check recorded-files [ "$(ls "$dir"/rec/*.npy 2>/dev/null | wc -l)" = 5 ]
@@ -33,7 +37,7 @@ requests() {
 import json, sys, zmq
 ctx = zmq.Context()
 def ask(raw, parts=False):
-    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 120000; s.connect(sys.argv[1])
+    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 600000; s.connect(sys.argv[1])
     s.send_multipart(raw) if parts else s.send(raw)
     r = json.loads(s.recv()); s.close(); return r
 assert ask(b'{"cmd":"ping"}')["ok"] is True

@@ -148,11 +148,12 @@ PY
 # name, uptime [s], ticks of the cameras' clocks a second, what these cross [s], frame number that is crossed, 64 bit?, date,
 # by how much the time of day is set
 cases() {
-    lapse boot     0                1e9  0                    0                0 0          0
     lapse 2^32-us  4294.967296      1e6  4294.967296          65536            0 2147483648 0
     lapse 2^32-ms  4294967.296      1e9  2147483.648          65536            1 0          31536000
-    lapse 2^53-ns  9007199.25474099 1e9  9007199.25474099     4294967296       1 0          0
     lapse 68-years 2147483648       1e10 922337203.6854775808 9007199254740000 1 0          0
+    [ -n "${T_LONG:-}" ] || return 0
+    lapse boot     0                1e9  0                    0                0 0          0
+    lapse 2^53-ns  9007199.25474099 1e9  9007199.25474099     4294967296       1 0          0
 }
 lapse() {
     local what=$1; shift

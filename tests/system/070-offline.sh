@@ -6,31 +6,33 @@ name=070
 cd "$dir" || exit 1
 recording() {
     run "$pyrovox" simcams --cameras 6 --size 160x120 --ring 6 --voxels 32 --write-rig rig.yaml --write-frames take
+    sed -i 's/basis: trilinear/basis: box/' rig.yaml # half the time
     says 0 '6 frame sets in take' '--black 0.02' && [ "$(find take -name '00000?.png' | wc -l)" = 36 ] || return 1
     run "$pyrovox" simcams --cameras 2 --size 16x12 --ring 2 --format bayerrg8 --write-frames raw
     says 1 'take mono8 or rgb8'
 }
 forgotten_black_level() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --out dark --last 0
-    says 0 'count as flame' '--black'
+    says 1 'of the pictures counts as flame' 'next: --black 0.0' && [ -z "$(ls dark)" ]
 }
 # What is odd about all volumes is said, and how it is mended.
 odd_volumes() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out dark --last 1 --threshold 0.99 --quiet
     says 0 'no volume of 2 has any light' '--threshold, --black' || return 1
-    [[ $out != *'K is fx'* ]] || return 1
     sed -E 's/K: \[([^,]*), ([^,]*), ([^,]*), ([^]]*)\]/K: [\1, \3, \2, \4]/' rig.yaml > order.yaml
     run "$pyrovox" reconstruct --rig order.yaml --frames take --black 0.02 --out order --last 0 --quiet
-    says 0 'any light' 'camera cam0 has K:' 'K is fx, fy, cx, cy' || return 1
+    says 1 'if K is in the order fx, cx, fy, cy (give fx, fy, cx, cy)' 'cam0 has K: [' || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out near --last 0
-    says 0 && ! grep -q 'any light' <<< "$out"
+    says 0 && ! grep -q 'any light' <<< "$out" || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out near --last 1 # volumes of two runs are not mixed
+    says 1 'near: holds volumes already' && [ ! -e near/000001.npy ]
 }
 fits() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --fit-volume --save-rig tight.yaml
     says 0 'volume fitted: x ' 'from 6 of 6 frame sets' && [ ! -e vol ] || return 1
     run "$pyrovox" reconstruct --rig tight.yaml --frames take --black 0.02 --out vol --save-report report.json
     says 0 '6 volumes in vol' && [ "$(find vol -name '*.npy' | wc -l)" = 6 ] || return 1
-    PYTHONPATH=$OLDPWD/proto/clients/python "$py" -c 'import pyrovox; r = pyrovox.open("vol"); assert len(r) == 6 and r.at(3).dense.any() and r.at(3).report.solver' || return 1
+    PYTHONPATH=$OLDPWD/proto/clients/python "$py" -c 'import pyrovox; r = pyrovox.open("vol"); assert len(r) == 6 and r[3].dense.any() and r[3].report.solver' || return 1
     run "$pyrovox" matrix --rig tight.yaml
     says 0 'cached, opened in'
 }
@@ -54,27 +56,13 @@ grows_out_of_the_box() {
 film() {
     run "$pyrovox" render --rig rig.yaml --camera cam1 vol film
     says 0 '6 pictures in film' 'as a product' && [ "$(find film -name '*.png' | wc -l)" = 6 ] || return 1
+    run "$pyrovox" render --orbit 5 vol turn.gif
+    says 1 'turn.gif: a picture is a .png, a film an .apng' && [ ! -e turn.gif ] || return 1
     run "$pyrovox" render --orbit 5 --rounds 1 --size 48x64 vol turn
     says 0 '5 pictures in turn' && [ "$(find turn -name '*.png' | wc -l)" = 5 ]
 }
-room() { # the flame lights all that it does not, and the pillar hides half of it
-    run "$pyrovox" render --room --angle 0 --size 96x72 vol/000002.npy room.npy; says 0 || return 1
-    run "$pyrovox" render --room --angle 180 --size 96x72 vol/000002.npy back.npy; says 0 || return 1
-    "$py" - <<'PY' || return 1
-import numpy as np
-front, back = np.load("room.npy"), np.load("back.npy")
-assert front.shape == (72, 96, 3) and np.isfinite(front).all() and (front > 0).all(), front.min()
-flame = [(a[:, :, 0] > 0.3 * back.max()).sum() for a in (front, back)]
-assert 0.2 * flame[1] < flame[0] < 0.8 * flame[1], flame
-PY
-    run "$pyrovox" render --room --strip 0,240,3 --size 48x36 --sub 1 vol/000000.npy strip.png; says 0 || return 1
-    run "$pyrovox" render --room --orbit 4 --rounds 1 --size 48x36 --sub 1 vol turned
-    says 0 '4 pictures in turned' && [ "$(find turned -name '*.png' | wc -l)" = 4 ] || return 1
-    run "$pyrovox" render --room --eye 1.5,-1,1 --size 48x36 --sub 1 --format both vol/000000.npy vol/000001.npy burns
-    says 0 '2 pictures in burns' && [ "$(find burns -name '*.*' | wc -l)" = 4 ]
-}
 one_file() { # an animated PNG: whole after Ctrl-C too, with the pictures until then
-    run "$pyrovox" render --room --orbit 2 --rounds 1 --size 48x36 --sub 1 --fps 10 vol turned.apng
+    run "$pyrovox" render --orbit 2 --rounds 1 --size 48x36 --sub 1 --fps 10 vol turned.apng
     says 0 '2 pictures in turned.apng' || return 1
     : > int.log # or what another case left in it is read before the child has emptied it
     "$pyrovox" render --orbit 5000 --size 48x64 vol cut.apng > int.log 2>&1 &
@@ -86,32 +74,26 @@ one_file() { # an animated PNG: whole after Ctrl-C too, with the pictures until 
     "$py" - turned.apng cut.apng <<'PY' || return 1
 import struct, sys
 for name in sys.argv[1:]:
-    b, at, frames, told = open(name, "rb").read(), 8, 0, 0
+    b, at, frames, told, plays = open(name, "rb").read(), 8, 0, 0, 1
     while at < len(b):
         n, what = struct.unpack(">I4s", b[at:at + 8])
         frames += what == b"fcTL"
-        told = struct.unpack(">I", b[at + 8:at + 12])[0] if what == b"acTL" else told
+        told, plays = struct.unpack(">II", b[at + 8:at + 16]) if what == b"acTL" else (told, plays)
         at += 12 + n
-    assert at == len(b) and what == b"IEND" and frames == told < 5000, (name, frames, told)
+    assert at == len(b) and what == b"IEND" and frames == told < 5000 and plays == 0, (name, frames, told, plays)
     assert name == "cut.apng" or frames == 2, frames
 PY
     run "$pyrovox" render --orbit 4 --format npy vol x.apng; says 2 'need a folder' || return 1
     run "$pyrovox" render --strip 0,90,3 vol/000000.npy x.apng; says 1 '--strip is one picture'
 }
-videos() { # and key frames, tone, depth; a turntable that goes round again keeps its rays
+videos() { # and tone, depth; a turntable that goes round again keeps its rays
     run "$pyrovox" render --orbit 4 --rounds 3 --size 48x64 --format both vol again
     says 0 '12 pictures in again' 'as a product' || return 1
     run "$pyrovox" render --orbit 4 --rounds 3 --anew --size 48x64 --format npy vol anew; says 0 'traced anew' || return 1
     run "$pyrovox" render --orbit 4 --size 48x64 vol turn4; says 0 '8 pictures in turn4' || return 1 # all six were shown
-    printf 'version: 1\nkeys:\n- { t: 0, eye: [2, -1, 0.8] }\n- { t: 1, camera: cam3 }\n' > way.yaml
-    run "$pyrovox" render --path way.yaml --fps 5 --rig rig.yaml --size 320x240 --format npy vol way; says 0 '6 pictures in way' || return 1
-    run "$pyrovox" render --path way.yaml vol way; says 1 'way.yaml:4: keys[1]' 'add --rig' || return 1
-    for c in cam2 cam3; do
-        run "$pyrovox" render --camera $c --rig rig.yaml vol/000005.npy $c.npy; says 0 || return 1
-    done
     run "$pyrovox" render --eye 2,-1,0.8 --size 64x48 --exposure 1 --gamma 1 --depth 16 vol/000000.npy deep.png; says 0 || return 1
     run "$pyrovox" render --eye 2,-1,0.8 --size 64x48 vol/000000.npy deep.npy; says 0 || return 1
-    run "$pyrovox" render --orbit 4 --size 49x65 --tone filmic --fps 10 vol --video turn.mp4; says 0 '8 pictures in turn.mp4' || return 1
+    run "$pyrovox" render --orbit 4 --size 49x65 --tone filmic --fps 10 vol turn.mp4; says 0 '8 pictures in turn.mp4' || return 1
     run "$pyrovox" render --orbit 4 --tone negative vol x.mp4; says 2 'clip, reinhard, filmic' || return 1
     run "$pyrovox" render --orbit 4 --depth 16 vol x.mp4; says 2 'a film has 8 bits' || return 1
     run env PATH=/nowhere "$pyrovox" render --orbit 4 vol x.mp4; says 1 'apt install ffmpeg' || return 1
@@ -132,11 +114,6 @@ assert len(kept) == len(anew) == 12 == len(glob.glob("again/*.png"))
 for a, b in zip(kept, anew):
     a, b = np.load(a), np.load(b)
     assert b.max() > 0.1 and abs(a - b).max() <= 1e-5 * b.max(), abs(a - b).max()
-way, own, other = np.load("way/000005.npy"), np.load("cam3.npy"), np.load("cam2.npy")
-assert way.shape == (240, 320, 3)
-way = way.reshape(own.shape[0], 240 // own.shape[0], own.shape[1], 320 // own.shape[1], 3).mean((1, 3))
-near, far = abs(way - own).mean(), abs(way - other).mean() # but for the lens, which bends by little, it is that camera
-assert near < 0.2 * own.mean() and near < 0.4 * far, (near, far, own.mean())
 import struct
 png = open("deep.png", "rb").read()
 assert png[24] == 16 and struct.unpack(">II", png[16:24]) == (64, 48)
@@ -166,7 +143,7 @@ reconstruct_stops() { # what was solved is whole, and in the report
         [ "$(stat -c %s cut/*.npy | sort -u | wc -l)" = 1 ]
 }
 light_in_check() { # what the rig says of a camera's pedestal and hot pixels counts where a flame is held against it
-    local wrong=(--set "pedestal cam2 0.2" --set "hot cam4 0.01" --size 160x120 --ring 8) out code
+    local wrong=(--set "pedestal cam2 0.2" --set "hot cam4 0.01" --size 160x120 --ring "$([ -n "${T_LONG:-}" ] && echo 8 || echo 4)") out code
     run "$pyrovox" simcams "${wrong[@]}" --write-rig bare.yaml --write-frames flame; says 0 || return 1
     run "$pyrovox" simcams "${wrong[@]}" --set "empty all on" --write-rig bare2.yaml --write-frames dark; says 0 || return 1
     run "$pyrovox" calibrate check --rig bare.yaml --frames flame --black 0.02 --quiet; says 1 'cam2 flooded' '2 of 8 cameras are wrong' || return 1
@@ -179,11 +156,20 @@ light_in_check() { # what the rig says of a camera's pedestal and hot pixels cou
     run "$pyrovox" calibrate refine --rig off.yaml --frames flame --out refined.yaml --quiet; says 0 'unseen views of held-out frames' || return 1
     [ "$(grep -A 2 photometry: lit.yaml)" = "$(grep -A 2 photometry: refined.yaml)" ]
 }
+one_grey_in_check() {
+    run "$pyrovox" simcams --cameras 5 --size 160x120 --ring 4 --write-rig g.yaml --write-frames colour; says 0 || return 1
+    run "$pyrovox" simcams --cameras 5 --size 160x120 --ring 4 --format mono8 --write-frames grey; says 0 || return 1
+    run "$pyrovox" calibrate check --rig g.yaml --frames grey --black 0.02 --quiet; says 0 'the flame agrees with the rig' || return 1
+    [[ $out != *"it is grey"* ]] || return 1
+    rm -r colour/cam3 && mv grey/cam3 colour/ || return 1
+    run "$pyrovox" calibrate check --rig g.yaml --frames colour --black 0.02 --quiet
+    says 0 'the flame agrees with the rig in all 5 cameras; of cam3 only the brightness was compared, it is grey'
+}
 cpu() {
     run "$pyrovox" cpu; says 0 'kernels' 'ref' || return 1
     run "$pyrovox" --cpu ref cpu; says 0 'kernels   ref' || return 1
     run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
     run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
 }
-for t in recording forgotten_black_level odd_volumes fits grows_out_of_the_box film videos room one_file stops reconstruct_stops light_in_check cpu; do check $t $t; done
+for t in recording forgotten_black_level odd_volumes fits grows_out_of_the_box film videos one_file stops reconstruct_stops light_in_check one_grey_in_check cpu; do check $t $t; done
 exit $rc

@@ -60,6 +60,18 @@ check gige-says-how-it-is json "$dir/gige.json" "all(c['temperature_c'] and c['l
 simcams --set "loss cam1 0.5" -- bash -c 'inside "$@"' - "$dir/loss.json" --seconds 3 --fps 20 --size 64x48 --json aravis:127.0.0.2 aravis:127.0.0.3 > "$dir/loss.log" 2>&1
 check lost-packets-are-named json "$dir/loss.json" "r['cameras'][1]['counts']['incomplete'] > 0 and 'doctor' in r['cameras'][1]['remedy']"
 
+
+# Blacks without a pedestal: the camera is named with the level that it lacks; pyrovox doctor says the same.
+config b.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\npixel_format: Mono8'
+blacks() { timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --fps 20 --ring 3 --set "pedestal cam1 0" "$@"; }
+blacks -- bash -c 'inside "$@"' - "$dir/black.json" --config "$dir/b.yaml" --seconds 1 --json > "$dir/black.log" 2>&1
+check clipped-one-is-named json "$dir/black.json" "['clipped' in c['what'] and 'black level by' in c['remedy'] for c in r['cameras']] == [False, True, False, False]"
+blacks -- "$pyrovox" doctor --sample 0 --config "$dir/b.yaml" --cameras --all > "$dir/doctor.log" 2>&1
+check doctor-names-it grep -qE '^WARN +cam1: black is clipped' "$dir/doctor.log"
+check and-no-other [ "$(grep -c 'does not clip its blacks' "$dir/doctor.log")" = 3 ]
+"$pyrovox" doctor --cameras > "$dir/none.log" 2>&1; code=$?
+check cameras-of-what [ $code = 3 ]
+
 # The daemon says the same of its cameras while it runs.
 config d.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 15\npixel_format: RGB8\ntrigger: action\nptp: true\naction: {lead_ms: 20}'
 start sim.log "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --fps 15 --ring 5 --ptp-ms 300 -- "$pyrovoxd" --config "$dir/d.yaml"

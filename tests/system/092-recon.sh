@@ -65,18 +65,21 @@ both() { # with the client in one program
 }
 check beside_the_client both
 
-bare() { # every other package's headers refuse, pkg-config knows none
-    local h no=$dir/no
+bare() { # what it includes compiles where every other package's headers refuse, and nothing of it asks pkg-config
+    local h f no=$dir/no
     for h in arv.h libusb-1.0/libusb.h libusb.h libcamera/libcamera.h turbojpeg.h zmq.h hdf5.h cjson/cJSON.h lz4.h zstd.h zlib.h \
         cairo/cairo.h cairo.h systemd/sd-daemon.h opencv2/core.hpp ceres/ceres.h; do
         mkdir -p "$no/$(dirname $h)"; echo '#error of a package that is not there' > "$no/$h"
     done
     mkdir "$dir/pc"
-    local machine=
-    [ "$(uname -m)" = x86_64 ] && machine='-mavx2 -mfma -mbmi2 -mavx512f -mavx512vl' # compiled, never run
-    env -u MAKEFLAGS -u MAKELEVEL CPPFLAGS="-I$no" PKG_CONFIG_LIBDIR="$dir/pc" make -s -j2 B="$dir/build" CC=gcc SAN= \
-        CFLAGS="-std=c17 -O0 -fPIC $machine" DESTDIR="$dir/bare" PREFIX=/usr install-recon > "$dir/make.log" 2>&1 || return 1
-    [ -f "${libdir/root/bare}/$lib" ] && needs "$dir/build/lib/$lib" && ! [ -e "$dir/bare/usr/include/pyrovox/proto" ]
+    env -u MAKEFLAGS -u MAKELEVEL PKG_CONFIG_LIBDIR="$dir/pc" make -n B="$dir/build" CC=gcc SAN= V=1 install-recon > "$dir/make.log" 2> "$dir/asked" || return 1
+    [ ! -s "$dir/asked" ] || { cat "$dir/asked"; return 1; }
+    grep -oE ' -c [^ ]+\.c( |$)' "$dir/make.log" | cut -d' ' -f3 | sort -u > "$dir/sources"
+    [ "$(wc -l < "$dir/sources")" -gt 80 ] || return 1
+    { cat "$dir/sources"; xargs dirname < "$dir/sources" | sort -u | while read -r f; do ls "$f"/*.h; done 2> "$dir/none"; } |
+        xargs grep -hE '^ *# *include *<' | sort -u > "$dir/included.c"
+    [ "$(wc -l < "$dir/included.c")" -gt 20 ] || return 1
+    gcc -std=c17 -D_GNU_SOURCE -I"$no" -fsyntax-only "$dir/included.c" && ! [ -e "$root/usr/include/pyrovox/proto" ]
 }
 check without_cameras bare
 exit $rc

@@ -1,9 +1,13 @@
 # lib.sh - shared by the daemon's system tests: a scratch folder, a daemon in it, waiting with a limit.
 # Sourced; the test sets `name` before.  Everything started here is ended by its id on exit.
 set -u
+programs=$(grep -oE '\$b/tests/[a-z0-9_./]+' "$0" | sort -u)
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 b=${PYROVOX_BUILD:-$PWD/build}
 pyrovox=$b/bin/pyrovox pyrovoxd=$b/bin/pyrovoxd
+for p in $programs; do # one that is not built would be waited for
+    [ -x "$b/${p#\$b/}" ] || { echo "FAIL $name: $b/${p#\$b/} is not there: make test builds it"; exit 1; }
+done
 py=/usr/bin/python3; [ -x "$py" ] || py=python3
 dir=$(mktemp -d /tmp/pyrovox-test-XXXXXX)
 export PYROVOX_CACHE=$dir/cache PYTHONDONTWRITEBYTECODE=1
@@ -21,9 +25,17 @@ trap finish EXIT
 trap 'exit 1' INT TERM
 
 check() { # what, command...
-    local what=$1 from=$EPOCHREALTIME; shift
+    local what=$1 from=$EPOCHREALTIME spent; shift
+    note_spent; spent=$all_spent
     if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi
-    [ -z "${T_TIMES:-}" ] || awk "BEGIN { printf \"%.2f - $name:$what\n\", $EPOCHREALTIME - $from }" >> "$T_TIMES"
+    note_spent
+    [ -z "${T_TIMES:-}" ] || awk "BEGIN { printf \"%.2f %.2f $name:$what\n\", $EPOCHREALTIME - $from, $all_spent - ($spent) }" >> "$T_TIMES"
+}
+all_spent=0
+note_spent() { # seconds of a processor, of this shell and of what it started and has ended, as a sum
+    [ -n "${T_TIMES:-}" ] || return 0
+    times > "$T_TIMES.$$"
+    all_spent=$(tr -s ' \n' '+' < "$T_TIMES.$$" | sed 's/\([0-9]*\)m/60*\1+/g; s/[s]//g; s/+$//')
 }
 run() { out=$(timeout "$patience" "$@" 2>&1); code=$?; } # both streams and the exit code, for says
 says() { # code, text that must be there...

@@ -9,6 +9,7 @@
 
 #include "capture/wire/action.h"
 #include "capture/wire/gvcp.h"
+#include "tests/lib/patience.h"
 
 static const struct cap_action_keys keys = {0x01020304, 0xA1B2C3D4, 0x00000081};
 
@@ -92,7 +93,7 @@ T_CASE(a_command_and_its_answer)
     sendto(fd, noise, sizeof noise, 0, (const struct sockaddr *)&from, len);
     sendto(fd, ack, sizeof ack, 0, (const struct sockaddr *)&from, len);
     struct pollfd pfd = {.fd = cap_action_sender_fd(s), .events = POLLIN};
-    T_EQ_I(poll(&pfd, 1, 5000), 1);
+    T_EQ_I(poll(&pfd, 1, PATIENCE_NS / PVX_NS_PER_MS), 1);
     T_OK(cap_action_answer(s, &who, &a)); /* the noise is passed over */
     T_EQ_I(who, 0x7F00005D);
     T_EQ_I(a.status, CAP_GVCP_NO_REFERENCE_TIME);

@@ -9,6 +9,7 @@
 #include "base/file.h"
 #include "proto/clients/sub.h"
 #include "proto/pub.h"
+#include "tests/lib/patience.h"
 #include "tests/lib/scratch.h"
 #include "tests/t.h"
 
@@ -209,10 +210,10 @@ static uint64_t publish(pvp_pub *p)
     return v.set;
 }
 
-/* A volume of this set or later comes while more are published; false after half a minute. */
+/* A volume of this set or later comes while more are published. */
 static bool reads(pvp_pub *p, pvp_sub *s, uint64_t since)
 {
-    for (int64_t until = pvx_now_mono() + 30 * PVX_NS_PER_S; pvx_now_mono() < until;) {
+    for (int64_t until = pvx_now_mono() + PATIENCE_NS; pvx_now_mono() < until;) {
         struct pvp_header h;
         struct pvp_view v;
         const void *msg;
@@ -257,7 +258,7 @@ T_CASE(listed_keys_come_in_and_nobody_else)
     pvp_sub *anna = subscriber("anna"), *bert = subscriber("bert");
     T_OK(reads(p, anna, 0));
     T_OK(reads(p, bert, 0)); /* who may control may read */
-    int64_t until = pvx_now_mono() + 30 * PVX_NS_PER_S;
+    int64_t until = pvx_now_mono() + PATIENCE_NS;
     while (pvp_auth_refused(a) == 0 && pvx_now_mono() < until)
         publish(p);
     T_OK(pvp_auth_refused(a) >= 1);
@@ -282,8 +283,8 @@ static void told(pvp_pub *p, const char *key, const char *says)
     pvp_sub *s = subscriber(key);
     pvx_err e = PVX_ETIMEDOUT;
     d.text[0] = '\0';
-    for (int64_t end = pvx_now_mono() + 60 * PVX_NS_PER_S;
-         e == PVX_ETIMEDOUT && pvx_now_mono() < end; publish(p))
+    for (int64_t end = pvx_now_mono() + PATIENCE_NS; e == PVX_ETIMEDOUT && pvx_now_mono() < end;
+         publish(p))
         e = pvp_sub_next(s, 20 * PVX_NS_PER_MS, &h, &msg, &len, &d);
     T_EQ_I(e, PVX_EPERM);
     T_CONTAINS(d.text, says);
@@ -303,7 +304,7 @@ T_CASE(who_is_refused_is_told)
     told(p, "eve", "refuses this key");
     uint64_t before = pvp_auth_refused(a);
     told(p, NULL, "asks for a key");
-    for (int64_t end = pvx_now_mono() + 60 * PVX_NS_PER_S;
+    for (int64_t end = pvx_now_mono() + PATIENCE_NS;
          pvp_auth_refused(a) == before && pvx_now_mono() < end;)
         publish(p);
     T_LE(before + 1, pvp_auth_refused(a));
@@ -335,7 +336,7 @@ T_CASE(a_revoked_key_is_out)
     uint64_t since = publish(p); /* the first after it */
     uint64_t refused = pvp_auth_refused(a);
     T_OK(reads(p, bert, since + 1));
-    int64_t until = pvx_now_mono() + 30 * PVX_NS_PER_S;
+    int64_t until = pvx_now_mono() + PATIENCE_NS;
     while (pvp_auth_refused(a) == refused &&
            pvx_now_mono() < until) /* she came back, and was refused */
         publish(p);

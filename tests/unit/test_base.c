@@ -176,6 +176,36 @@ T_CASE(yaml_refuses)
         T_OK(y == NULL);
     }
 }
+T_CASE(yaml_says_tabs_and_decimal_commas)
+{
+    static const char *const bad[][2] = {
+        {"a:\n\tb: 1\n", "f:2: a tab begins this line: indent by spaces"},
+        {"a:\n  b: 1\n \tc: 2\n", "f:3: a tab begins"},
+        {"a: {b: 0,02}\n", "f:1: 02: a number is no key; numbers have a decimal point"},
+        {"a: 15,5\n", "f:1: a: '15,5' is not a finite number; numbers have a decimal point"},
+        {"a: [0,5, 0,5, 1]\n", "f:1: a: should be a list of 3 numbers; numbers have a decimal"},
+        {"a: [0,05, 1]\n", "f:1: a: '05' begins with 0; numbers have a decimal point"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        pvx_yaml *y;
+        struct pvx_diag d = {""};
+        double v[3];
+        pvx_err e = pvx_yaml_parse(bad[i][0], strlen(bad[i][0]), "f", &y, &d);
+        int a = e == PVX_OK ? pvx_yaml_get(y, pvx_yaml_root(y), "a") : 0;
+        if (e == PVX_OK && pvx_yaml_kind(y, a) == PVX_YAML_SEQ)
+            e = pvx_yaml_doubles(y, a, "a", 3, 3, v, &d);
+        else if (e == PVX_OK)
+            e = pvx_yaml_double(y, a, "a", 0, 100, v, &d);
+        T_EQ_I(e, PVX_EFORMAT);
+        T_CONTAINS(d.text, bad[i][1]);
+        if (y != NULL)
+            pvx_yaml_free(&y);
+    }
+    pvx_yaml *y; /* in braces a tab is allowed, and a number may be a camera's name */
+    static const char good[] = "a: {\n\tb: 1 }\nc: {0: \"sim:\"}\n";
+    T_EQ_I(pvx_yaml_parse(good, sizeof good - 1, "f", &y, NULL), PVX_OK);
+    pvx_yaml_free(&y);
+}
 T_CASE(numbers_are_the_whole_token)
 {
     double v;

@@ -86,6 +86,47 @@ T_CASE(finds_the_reading)
             }
 }
 
+/* Turned about y instead of x: the same rig but for pictures that are turned by 180 degrees. */
+T_CASE(cameras_that_look_away)
+{
+    char text[1000];
+    struct rec_rig r;
+    ring(6, 3, &r);
+    for (size_t c = 0; c < 6; c++) {
+        struct rec_camera *k = &r.cameras[c];
+        for (int i = 0; i < 3; i++) {
+            k->R[i] = -k->R[i];
+            k->R[6 + i] = -k->R[6 + i];
+        }
+        k->t[0] = -k->t[0];
+        k->t[2] = -k->t[2];
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_ALL);
+    T_CONTAINS(text,
+               "OpenGL's (change the signs of rows 2 and 3 of R and t), or it looks away from the "
+               "flame (those of rows 1 and 3)");
+    rec_rig_fini(&r);
+}
+
+T_CASE(names_width_and_height_that_are_swapped)
+{
+    char text[1000];
+    struct rec_rig r;
+    ring(4, 3, &r);
+    const int32_t w = r.cameras[0].width, h = r.cameras[0].height;
+    T_OK(w != h);
+    for (size_t c = 0; c < 4; c++) {
+        r.cameras[c].width = h;
+        r.cameras[c].height = w;
+    }
+    T_EQ_I(seen(&r, text), REC_BLIND_SOME);
+    T_CONTAINS(text, "only if width and height are swapped (give size: [");
+    r.cameras[2].width = w;
+    r.cameras[2].height = h;
+    T_OK(strstr((seen(&r, text), text), "swapped") == NULL);
+    rec_rig_fini(&r);
+}
+
 T_CASE(names_one_camera)
 {
     char text[1000];

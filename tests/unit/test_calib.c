@@ -158,6 +158,28 @@ T_CASE(wrong_corners_do_not_count)
     bv_done(&r);
 }
 
+/* Of nearly perfect pictures: what rounding moved by hundredths of a pixel is no glare. */
+T_CASE(corners_wrong_by_hundredths_are_no_warning)
+{
+    struct bv_result r;
+    size_t wrong = 0, all = 0;
+    bv_init(&s, 4, true);
+    s.frames = 30;
+    s.noise = 0.005;
+    s.wrong = 0.05;
+    s.wrong_px = 0.1;
+    bv_everywhere(&s);
+    bv_take(&s);
+    bv_solved(&s, &r);
+    for (size_t i = 0; i < s.n; i++) {
+        wrong += r.report.view[i].wrong;
+        all += s.view[i].n;
+    }
+    T_OK(100 * wrong > all);
+    T_OK(!rec_calib_says(&r.report, REC_CALIB_WARNING, REC_CALIB_PICTURES));
+    bv_done(&r);
+}
+
 /* ---- the world ------------------------------------------------------------------------------------ */
 
 T_CASE(the_world_stands_on_the_floor_board)

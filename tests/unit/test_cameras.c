@@ -109,6 +109,21 @@ T_CASE(frames_lost)
     expect(0, CAMTEST_FAIL, "stopped answering 2 times", "cable");
 }
 
+T_CASE(blacks_are_clipped)
+{
+    good();
+    t.camera[1].cut = 0.03; /* too little to matter */
+    t.camera[1].pedestal = 0.02;
+    expect(1, CAMTEST_OK, "", "");
+    t.camera[1].cut = 0.5;
+    t.camera[1].pedestal = 0.0296;
+    expect(1, CAMTEST_WARN, "black is clipped: 50 % of the noise of its dark is cut off at 0",
+           "raise the camera's black level by 2.96 % of full scale (8 steps of 8 bits");
+    T_OK(strchr(t.camera[1].what, ';') == NULL);
+    t.camera[1].count[CAP_LOST_CAMERA] = 2; /* the worse one is said */
+    expect(1, CAMTEST_FAIL, "stopped answering", "cable");
+}
+
 T_CASE(nothing_came)
 {
     good();

@@ -262,6 +262,44 @@ T_CASE(background_requests)
     answers(&cannot, of[0].request, "not possible here");
 }
 
+static int checks_begun;
+static pvx_err fake_check(void *ctx, struct pvx_diag *d)
+{
+    checks_begun++;
+    return ctx == NULL ? pvx_fail(d, PVX_ENOENT, "fewer than 4 cameras") : PVX_OK;
+}
+
+static void fake_check_state(void *ctx, struct dmn_check_request *out)
+{
+    *out = *(struct dmn_check_request *)ctx;
+}
+
+T_CASE(check_requests)
+{
+    static struct dmn_check_request is = {.request = 4, .state = DMN_TAKING_NOW, .n_cameras = 3};
+    const struct dmn_control_ops cannot = fake_ops(&is);
+    struct dmn_control_ops ops = cannot;
+    ops.check = fake_check;
+    ops.check_state = fake_check_state;
+    answers(&cannot, "{\"cmd\":\"check\"}", "not possible here");
+    answers(&ops, "{\"cmd\":\"check\"}", "\"ok\":true,\"request\":4,\"state\":\"taking\"}");
+    T_EQ_I(checks_begun, 1);
+    snprintf(is.camera[1], sizeof is.camera[1], "left");
+    snprintf(is.camera[2], sizeof is.camera[2], "right");
+    is.state = DMN_TAKING_DONE;
+    is.found.verdict = (struct rec_plausible_verdict){
+        .cause = REC_CAUSE_SWAPPED, .cameras = 6, .text = "swapped", .next = "exchange"};
+    answers(&ops, "{\"cmd\":\"check\",\"request\":4}",
+            "\"good\":false,\"cause\":\"swapped\",\"cameras\":[\"left\",\"right\"],"
+            "\"meaningless\":false,\"text\":\"swapped\",\"next\":\"exchange\"");
+    is.state = DMN_TAKING_FAILED;
+    snprintf(is.why.text, sizeof is.why.text, "no set");
+    answers(&ops, "{\"cmd\":\"check\",\"request\":4}", "\"failed\",\"why\":\"no set\"}");
+    T_EQ_I(checks_begun, 1);
+    ops.ctx = NULL;
+    answers(&ops, "{\"cmd\":\"check\"}", "fewer than 4 cameras");
+}
+
 static struct dmn_config in_effect;
 static int applied;
 static const struct dmn_config *fake_config(void *ctx)

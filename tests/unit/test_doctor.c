@@ -811,6 +811,23 @@ T_CASE(the_machine)
 
 /* ---- readers, report, script ------------------------------------------------------------------ */
 
+T_CASE(clipped_blacks)
+{
+    good_host();
+    expect("camera.black", DOC_N_VERDICT, "no such finding", NULL); /* not opened */
+    struct doc_load_camera *c = &doctor.load.camera[2];
+    c->looked = true;
+    expect("camera.black", DOC_UNKNOWN, "gave no picture", "cameras test");
+    c->pictured = true;
+    expect("camera.black", DOC_OK, "does not clip", NULL);
+    c->cut = 0.5;
+    c->pedestal = 0.0296;
+    expect("camera.black", DOC_WARN,
+           ": black is clipped: 50 % of the noise of its dark is cut off at 0",
+           "raise the camera's black level by 2.96 % of full scale (8 steps of 8 bits");
+    c->looked = false;
+}
+
 T_CASE(readers)
 {
     struct doc_route r[4];

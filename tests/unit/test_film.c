@@ -1,4 +1,4 @@
-/* test_film.c - what linear values look like, pictures into one file, a camera's way along key frames. */
+/* test_film.c - what linear values look like, pictures into one file. */
 #include "tests/t.h"
 
 #include <stdlib.h>
@@ -7,7 +7,6 @@
 #include "base/file.h"
 #include "capture/files/imgio.h"
 #include "daemon/cli/pictures/film.h"
-#include "recon/view/key_frames.h"
 #include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 
@@ -95,7 +94,7 @@ T_CASE(pictures_in_one_file)
 {
     static const char *const names[] = {"f.apng", "f.mp4", "f.mov", "f.mkv", "f.webm"};
     struct pvx_diag d = {""};
-    T_EQ_I(film_kind("x.png"), FILM_NONE);
+    T_OK(!film_named("x.png"));
     for (int q = 0; q < 5; q++)
         for (int nch = 1; nch <= 3; nch += 2) {
             film_of(at("%s", names[q]), nch, &d);
@@ -166,134 +165,6 @@ T_CASE(videos_that_fail)
     T_EQ_I(film_add(f, pix, W, H, 3, &d), PVX_OK);
     film_drop(&f);
     T_OK(access(at("f.mp4"), F_OK) != 0);
-}
-
-/* ---- key frames ---- */
-
-static const struct rec_key_frame base = {.look_at = {0, 0, 0.5}, .up = {0, 0, 1}, .fov_deg = 40};
-
-static void eye_of(const struct rec_camera *c, double eye[3])
-{
-    for (int a = 0; a < 3; a++)
-        eye[a] = -(c->R[a] * c->t[0] + c->R[3 + a] * c->t[1] + c->R[6 + a] * c->t[2]);
-}
-
-static pvx_err keys(const char *text, const struct rec_rig *rig, struct rec_key_frames *k,
-                    struct pvx_diag *d)
-{
-    d->text[0] = '\0';
-    return rec_key_frames_parse(text, strlen(text), "way.yaml", &base, rig, k, d);
-}
-
-/* It stands in its keys when they are due; a straight even way is straight and even between them. */
-T_CASE(a_way_along_keys)
-{
-    struct pvx_diag d = {""};
-    struct rec_key_frames k;
-    struct rec_camera c;
-    double eye[3];
-    T_EQ_I(keys("version: 1\nkeys:\n- {t: 1, eye: [2, 0, 1]}\n- {t: 2, eye: [2, 2, 1], fov: 20}\n"
-                "- {t: 5, eye: [2, 8, 1], look_at: [0, 8, 1]}\n",
-                NULL, &k, &d),
-           PVX_OK);
-    T_EQ_I(rec_key_frames_pictures(&k, 10), 41);
-    for (size_t i = 0; i <= 40; i++) {
-        T_EQ_I(rec_key_frames_camera(&k, i, 10, 64, 48, &c, &d), PVX_OK);
-        eye_of(&c, eye);
-        T_NEAR(eye[0], 2, 1e-9);
-        T_NEAR(eye[1], 0.2 * (double)i, 1e-9);
-        T_NEAR(eye[2], 1, 1e-9);
-    }
-    T_NEAR(-c.R[6], 1, 1e-9); /* the last looks along -x */
-    T_NEAR(c.fy, 24 / tan(20 * 0.017453292519943295), 1e-9);
-    T_EQ_I(rec_key_frames_camera(&k, 10, 10, 64, 48, &c, &d), PVX_OK);
-    T_NEAR(c.fy, 24 / tan(10 * 0.017453292519943295), 1e-9);
-    rec_key_frames_fini(&k);
-    /* round a corner without a jump in speed */
-    T_EQ_I(
-        keys("version: 1\nkeys:\n- {t: 0, eye: [2, 0, 1]}\n- {t: 1, eye: [0, 2, 1]}\n- {t: 2, eye: "
-             "[-3, 0, 2]}\n",
-             NULL, &k, &d),
-        PVX_OK);
-    const double key[3] = {0, 2, 1};
-    double before[3], at_key[3], after[3];
-    T_EQ_I(rec_key_frames_camera(&k, 99, 100, 64, 48, &c, &d), PVX_OK);
-    eye_of(&c, before);
-    T_EQ_I(rec_key_frames_camera(&k, 100, 100, 64, 48, &c, &d), PVX_OK);
-    eye_of(&c, at_key);
-    T_EQ_I(rec_key_frames_camera(&k, 101, 100, 64, 48, &c, &d), PVX_OK);
-    eye_of(&c, after);
-    for (int a = 0; a < 3; a++) {
-        T_NEAR(at_key[a], key[a], 1e-9);
-        T_NEAR(after[a] - at_key[a], at_key[a] - before[a], 2e-3); /* of 0.025 */
-    }
-    rec_key_frames_fini(&k);
-}
-
-/* A key that is a camera of the rig stands and looks as that. */
-T_CASE(a_way_by_the_rig)
-{
-    struct pvx_diag d = {""};
-    struct rec_key_frames k;
-    struct rec_rig rig;
-    struct rec_camera c;
-    T_EQ_I(rec_rig_ring(5, 2.2, 64, 48, 20, &rig), PVX_OK);
-    T_EQ_I(
-        keys("version: 1\nkeys:\n- {t: 0, camera: cam1}\n- {t: 2, camera: cam3}\n", &rig, &k, &d),
-        PVX_OK);
-    for (size_t i = 0; i < 2; i++) {
-        const struct rec_camera *want = &rig.cameras[1 + 2 * i];
-        T_EQ_I(rec_key_frames_camera(&k, 2 * i, 1, 64, 48, &c, &d), PVX_OK);
-        for (int a = 0; a < 9; a++)
-            T_NEAR(c.R[a], want->R[a], 1e-9);
-        for (int a = 0; a < 3; a++)
-            T_NEAR(c.t[a], want->t[a], 1e-9);
-        T_NEAR(c.fy, want->fy, 1e-6);
-    }
-    rec_key_frames_fini(&k);
-    T_EQ_I(
-        keys("version: 1\nkeys:\n- {t: 0, camera: cam1}\n- {t: 2, camera: cam9}\n", &rig, &k, &d),
-        PVX_ENOENT);
-    T_CONTAINS(d.text, "way.yaml:4: keys[1]: the rig has no camera 'cam9'");
-    rec_rig_fini(&rig);
-}
-
-T_CASE(ways_that_are_none)
-{
-    static const struct {
-        const char *text, *says;
-    } bad[] = {
-        {"", "should be a mapping"},
-        {"version: 2\nkeys: []", "version"},
-        {"version: 1", "keys: should be a list of 2"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}]", "2 to"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 0, eye: [2, 0, 0]}]", "t: 0 is no"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {eye: [2, 0, 0]}]", "keys[1].t"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1}]", "from where"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0]}]", "keys[1].eye"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, .nan]}]", "keys[1].eye"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, 9e9]}]", "keys[1].eye"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, 0], fov: 180}]", "fov"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, 0], zoom: 2}]", "zoom"},
-        {"version: 1\nkeys: [{t: 0, camera: a}, {t: 1, eye: [1, 0, 0]}]", "add --rig"},
-        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 99999, eye: [2, 0, 0]}]", "seconds"},
-    };
-    struct pvx_diag d = {""};
-    struct rec_key_frames k;
-    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        T_OK(keys(bad[i].text, NULL, &k, &d) != PVX_OK);
-        T_CONTAINS(d.text, bad[i].says);
-        T_CONTAINS(d.text, "way.yaml:");
-        T_OK(k.key == NULL && k.n == 0);
-    }
-    struct rec_camera c;
-    T_EQ_I(keys("version: 1\nkeys: [{t: 0, eye: [1, 0, 0.5]}, {t: 2, eye: [-1, 0, 0.5]}]", NULL, &k,
-                &d),
-           PVX_OK);
-    T_EQ_I(rec_key_frames_camera(&k, 1, 1, 64, 48, &c, &d),
-           PVX_EINVAL); /* through what it looks at */
-    T_CONTAINS(d.text, "at 1.000 s");
-    rec_key_frames_fini(&k);
 }
 
 T_MAIN((scratch_new(), plugins_of_this_build()), scratch_remove())

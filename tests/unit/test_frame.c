@@ -398,6 +398,41 @@ T_CASE_OF_THREADS(slots_and_warm_starts)
     rec_frame_free(&g);
 }
 
+/* Slots that are lent the same systems, one after the other, have the volumes of slots with systems of their own.  They
+ * keep them while another slot has the systems. */
+T_CASE(systems_are_lent)
+{
+    struct rec_frame_params p = params();
+    rec_frame *own[2] = {frame(&p), frame(&p)}, *bare[2];
+    rec_systems *y;
+    T_EQ_I(rec_systems_new(own[0]->carver, own[0]->solver, &y), PVX_OK);
+    for (int i = 0; i < 2; i++) {
+        uint64_t state = t_state;
+        T_EQ_I(rec_frame_new_bare(own[0]->carver, own[0]->solver, &bare[i], NULL), PVX_OK);
+        scene_shoot(&sc, own[i], 0.01 + 0.02 * i);
+        run(own[i]);
+        t_state = state;
+        scene_shoot(&sc, bare[i], 0.01 + 0.02 * i);
+        rec_frame_lend(bare[i], y);
+        run(bare[i]);
+        T_OK(rec_frame_give_back(bare[i]) == y);
+        T_OK(rec_frame_give_back(bare[i]) == NULL);
+    }
+    for (int i = 0; i < 2; i++) {
+        struct rec_sparse a, b;
+        rec_frame_volume(own[i], &a);
+        rec_frame_volume(bare[i], &b);
+        T_OK(a.n > 0 && a.n == b.n);
+        T_OK(a.n == b.n && memcmp(a.index, b.index, (size_t)a.n * sizeof *a.index) == 0);
+        T_OK(a.n == b.n && memcmp(a.value, b.value, (size_t)a.n * 4 * sizeof *a.value) == 0);
+    }
+    rec_systems_free(&y);
+    for (int i = 0; i < 2; i++)
+        rec_frame_free(&bare[i]);
+    for (int i = 0; i < 2; i++)
+        rec_frame_free(&own[i]);
+}
+
 T_CASE_OF_THREADS(grey_and_background)
 {
     struct rec_frame_params p = params();

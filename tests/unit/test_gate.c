@@ -6,6 +6,7 @@
 
 #include "base/clock.h"
 #include "capture/source/gate.h"
+#include "tests/lib/patience.h"
 
 #define THREADS 4
 #define RUNS    200
@@ -81,7 +82,7 @@ T_CASE(nothing_comes_after_stop)
         may_be_called = true;
         int before = entered;
         cap_gate_open(&gate);
-        for (int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
+        for (int64_t until = pvx_now_mono() + PATIENCE_NS;
              (atomic_load(&entered) == before || atomic_load(&told) < run) &&
              pvx_now_mono() < until;)
             pvx_sleep_until_mono(pvx_now_mono() + 10000);

@@ -98,6 +98,12 @@ T_CASE(broken_ones_are_counted_and_left_out)
     T_EQ_S(dmn_images_why(im, 5), "is 62x48, but the rig says camera cam5 takes 64x48");
     dmn_images_counts(im, count);
     T_EQ_I(count[5][DMN_IMAGE_SIZE], 1);
+    store[5].width = H;
+    store[5].height = W;
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 5);
+    T_EQ_S(dmn_images_why(im, 5),
+           "is 48x64, but the rig says camera cam5 takes 64x48: width and height "
+           "are swapped in its size");
     T_EQ_I(count[2][DMN_IMAGE_JPEG_DAMAGED], 1);
     dmn_images_free(&im);
     T_OK(im == NULL);

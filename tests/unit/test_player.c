@@ -5,6 +5,7 @@
 
 #include "base/clock.h"
 #include "capture/source/player.h"
+#include "tests/lib/patience.h"
 
 #define FRAMES 4
 
@@ -70,7 +71,7 @@ static void *run(void *arg)
 
 static void wait_for(atomic_int *what, int n)
 {
-    for (int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
+    for (int64_t until = pvx_now_mono() + PATIENCE_NS;
          atomic_load(what) < n && pvx_now_mono() < until;)
         pvx_sleep_until_mono(pvx_now_mono() + PVX_NS_PER_MS);
     T_EQ_I(atomic_load(what), n);

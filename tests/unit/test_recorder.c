@@ -445,6 +445,25 @@ static int on_a_disk_too_small(void)
     return t_case_fails > 0;
 }
 
+/* No page is free, so libhdf5 fails without a reason: no file that nothing can read is left behind. */
+static int on_a_disk_without_a_page(void)
+{
+    static const char zeros[1 << 16];
+    if (!small_disk("size=1m"))
+        return 77;
+    struct cap_take_head head = take_head(cameras, CAMERAS);
+    struct pvx_diag d = {""};
+    cap_take_writer *w;
+    int fd = open(at("filler"), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
+    while (write(fd, zeros, sizeof zeros) > 0)
+        ;
+    close(fd);
+    T_EQ_I(cap_take_create(at("take.h5"), &head, &w, &d), PVX_ENOSPC);
+    T_CONTAINS(d.text, "take.h5: cannot be written: the disk is full");
+    T_EQ_I(access(at("take.h5"), F_OK), -1);
+    return t_case_fails > 0;
+}
+
 /* Writing fails in the middle of a frame, and closing fails too: the take is as if it had been cut. */
 static int with_a_failing_disk(void)
 {
@@ -499,6 +518,11 @@ T_CASE(a_disk_that_others_fill_ends_it_in_order)
 T_CASE(too_full_a_disk_is_refused)
 {
     in_child(on_a_disk_too_small);
+}
+
+T_CASE(a_disk_without_a_page_is_named)
+{
+    in_child(on_a_disk_without_a_page);
 }
 
 T_CASE(failing_disk_ends_it)

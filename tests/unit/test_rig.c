@@ -160,8 +160,9 @@ T_CASE(photometry_that_cannot_be)
 /* OpenCV's vectors of 4 to 14 numbers, and its fisheye. */
 T_CASE(distortion_models)
 {
-    static const char *const brown[] = {"0.1, 0.2, 0.001, 0.002", "1, 2, 3, 4, 5", EIGHT,
-                                        EIGHT ", 0, 0, 0, 0", EIGHT ", 0, 0, 0, 0, 0, 0"};
+    static const char *const brown[] = {"0.1, 0.2, 0.001, 0.002", "1, 2, 3, 4, 5",
+                                        "0.5, 2, 3, 4, 5, 6, 7, 8", EIGHT ", 0, 0, 0, 0",
+                                        EIGHT ", 0, 0, 0, 0, 0, 0"};
     struct rec_rig r;
     struct pvx_diag d;
     char text[1000];
@@ -173,6 +174,8 @@ T_CASE(distortion_models)
         T_NEAR(r.cameras[0].dist[7], i < 2 ? 0 : 8, 0);
         rec_rig_fini(&r);
     }
+    refuse(HEAD CAM("a", "    distortion: [-0,2, 0,1, 0,0, 0,0]\n"), PVX_EFORMAT,
+           "rig.yaml:9: cameras[0].distortion: all 8 are whole numbers: write 0.5, not 0,5");
     refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0.1, 0, 0]\n"), PVX_EUNSUP,
            "rig.yaml:9: cameras[0].distortion: 0.1 is of OpenCV's thin prism (s1 s2 s3 s4) model");
     refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0, 0, 0, 0, 0.2]\n"), PVX_EUNSUP,

@@ -145,7 +145,7 @@ T_CASE(gain_alone_moves_nothing)
     scene_free(&s);
 }
 
-T_CASE(bits_do_not_depend_on_threads_or_on_the_set_before)
+T_CASE_OF_THREADS(bits_do_not_depend_on_threads_or_on_the_set_before)
 {
     struct scene s[2];
     rec_frame *f[2];
@@ -267,5 +267,203 @@ T_CASE(a_dim_camera_is_corrected_and_a_black_one_voted_out)
         T_NEAR((double)found(f)->camera[1].gain / others, 1 / 0.8, 0.03);
         rec_frame_free(&f);
     }
+    scene_free(&s);
+}
+
+/* ---- sets that are averaged (average.h) ---------------------------------------------------------- */
+
+#define SETS 6
+
+static rec_average *average(uint32_t block, uint32_t blocks)
+{
+    rec_average *a;
+    if (rec_average_new(CAMERAS, 1, block, blocks, &a) != PVX_OK)
+        exit(2);
+    return a;
+}
+
+/* Set k of a flame that burns, seen by a rig that is off. */
+static void burn(struct scene *s, rec_frame *f, int k, const double *g, double (*d)[2])
+{
+    scene_at(s, 0.2 + 0.17 * k);
+    shoot(s, f, g, d);
+}
+
+/* Two rounds over the sets; then what was learnt is fixed. */
+static void learn(struct scene *s, rec_frame *f, rec_average *a, const double *g, double (*d)[2])
+{
+    rec_solver_average(f->solver, a);
+    for (int round = 0; round < 2; round++) {
+        rec_average_learn(a);
+        for (int k = 0; k < SETS; k++) {
+            burn(s, f, k, g, d);
+            solve(s, f);
+        }
+    }
+    rec_average_fix(a);
+}
+
+T_CASE(sets_learn_together_and_are_corrected_alike)
+{
+    struct scene s[2];
+    rec_frame *f[2], *alone, *off;
+    rec_average *a[2];
+    double error[3] = {0};
+    for (unsigned k = 0; k < 2; k++) {
+        scene_new(&s[k], CAMERAS, 96, 32, 2, 1 + 3 * k);
+        f[k] = slot(&s[k], REC_SELFCAL_ON);
+        a[k] = average(1, SETS + 1);
+        learn(&s[k], f[k], a[k], gains, aims);
+    }
+    alone = slot(&s[0], REC_SELFCAL_ON);
+    off = slot(&s[0], REC_SELFCAL_OFF);
+    for (int k = SETS; k-- > 0;) { /* in another order */
+        rec_frame *all[] = {off, alone, f[0]};
+        for (int i = 0; i < 3; i++) {
+            burn(&s[0], all[i], k, gains, aims);
+            error[i] += solve(&s[0], all[i]) / SETS;
+        }
+        burn(&s[1], f[1], k, gains, aims);
+        solve(&s[1], f[1]);
+        T_OK(same_volume(f[0], f[1]));
+        T_OK(found(f[0])->gain && found(f[0])->shift && found(f[0])->sets == SETS);
+        T_OK(memcmp(found(f[0]), found(f[1]), sizeof *found(f[0])) == 0);
+    }
+    for (int c = 0; c < CAMERAS; c++)
+        T_OK(found(f[0])->camera[c].gain_error < 0.01F &&
+             found(f[0])->camera[c].shift_error[0] < 0.05F);
+    printf("  error as given %.4f, each set by itself %.4f, together %.4f\n", error[0], error[1],
+           error[2]);
+    T_OK(error[2] < 0.75 * error[0] && error[2] < 1.01 * error[1]);
+    for (int k = 0; k < 2; k++) {
+        rec_frame_free(&f[k]);
+        rec_average_free(&a[k]);
+    }
+    rec_frame_free(&alone);
+    rec_frame_free(&off);
+    for (int k = 0; k < 2; k++)
+        scene_free(&s[k]);
+}
+
+T_CASE(an_exact_rig_keeps_every_bit_in_the_mean_too)
+{
+    struct scene s;
+    scene_new(&s, CAMERAS, 96, 32, 2, 2);
+    rec_frame *off = slot(&s, REC_SELFCAL_OFF), *f = slot(&s, REC_SELFCAL_ON);
+    for (int live = 0; live < 2; live++) {
+        rec_average *a = average(1, 9);
+        if (live)
+            rec_solver_average(f->solver, a);
+        else
+            learn(&s, f, a, NULL, NULL);
+        for (int k = 0; k < 8; k++) {
+            burn(&s, f, k, NULL, NULL);
+            burn(&s, off, k, NULL, NULL);
+            solve(&s, f);
+            solve(&s, off);
+            T_OK(same_volume(off, f));
+            T_OK(!found(f)->gain && !found(f)->shift);
+        }
+        T_OK(found(f)->sets == (live ? 8 : SETS));
+        printf("  gains %.1f sigma, shifts %.1f\n", found(f)->test[0], found(f)->test[1]);
+        rec_solver_average(f->solver, NULL);
+        rec_average_free(&a);
+    }
+    rec_frame_free(&off);
+    rec_frame_free(&f);
+    scene_free(&s);
+}
+
+/* Live: sets correct themselves, then by the mean, which one more set does not move.  A camera that then is black is
+ * voted out, and what was known of it stays. */
+T_CASE(a_live_mean_is_steadier_than_a_set)
+{
+    static const double dim[CAMERAS] = {1, 0.8, 1, 1, 1, 1}, black[CAMERAS] = {1, 0.8, 0, 1, 1, 1};
+    struct rec_frame_params p = rec_frame_defaults;
+    struct scene s;
+    rec_frame *f;
+    rec_average *a = average(1, 33);
+    scene_new(&s, CAMERAS, 96, 32, 2, 2);
+    p.photo.saturation = REC_PHOTO_UNSATURATED;
+    if (rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL) != PVX_OK)
+        exit(2);
+    rec_solver_average(f->solver, a);
+    for (int k = 0; k < 12; k++) {
+        burn(&s, f, k, k < 10 ? dim : black, NULL);
+        solve(&s, f);
+        T_OK(found(f)->gain && found(f)->sets == (k + 1 < REC_AVERAGE_LEAST ? 0 : (unsigned)k + 1));
+        T_EQ_I(rec_frame_get_report(f)->vote.out, k < 10 ? 0 : 4);
+        double others = (double)found(f)->camera[0].gain;
+        T_NEAR((double)found(f)->camera[1].gain / others, 1 / 0.8, 0.03);
+        T_OK(k < REC_AVERAGE_LEAST || found(f)->camera[2].known);
+        T_EQ_I(found(f)->camera[2].touched, 0);
+    }
+    rec_frame_free(&f);
+    rec_average_free(&a);
+    scene_free(&s);
+}
+
+/* Mosaics and three cameras: no set says anything, and each stays by itself, as it is. */
+T_CASE(sets_that_say_nothing_are_no_mean)
+{
+    struct scene s;
+    scene_new(&s, CAMERAS, 96, 32, 1, 2);
+    for (int k = 0; k < 2; k++) {
+        rec_frame *f = slot(&s, REC_SELFCAL_ON), *off = slot(&s, REC_SELFCAL_OFF);
+        rec_average *a = average(1, 9);
+        rec_solver_average(f->solver, a);
+        for (int i = 0; i < 6; i++) {
+            rec_frame *both[] = {f, off};
+            for (int j = 0; j < 2; j++) {
+                burn(&s, both[j], i, gains, NULL);
+                for (size_t c = 3; c < CAMERAS && k == 0; c++)
+                    rec_frame_camera(both[j], c)->present = false;
+                if (k == 1)
+                    scene_filter(&s, both[j]);
+                solve(&s, both[j]);
+            }
+            T_OK(found(f)->cameras == 0 && found(f)->sets == 0 && same_volume(f, off));
+        }
+        rec_frame_free(&f);
+        rec_frame_free(&off);
+        rec_average_free(&a);
+    }
+    scene_free(&s);
+}
+
+/* One channel and four cameras are enough. */
+T_CASE(grey_sets_of_four_cameras_learn_too)
+{
+    static const double g[4] = {1.1, 0.9, 1.05, 0.95};
+    struct rec_frame_params p = rec_frame_defaults;
+    struct scene s;
+    rec_frame *f;
+    rec_average *a;
+    scene_new(&s, 4, 96, 32, 2, 2);
+    p.nch = 1;
+    p.photo.saturation = REC_PHOTO_UNSATURATED;
+    p.trust_all = true;
+    T_OK(rec_average_new(4, 1, 1, SETS + 1, &a) == PVX_OK);
+    T_OK(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL) == PVX_OK);
+    rec_solver_average(f->solver, a);
+    rec_average_learn(a);
+    for (int k = 0; k <= SETS; k++) {
+        scene_at(&s, 0.2 + 0.17 * k);
+        rec_frame_reset(f);
+        for (size_t c = 0; c < 4; c++) {
+            float *in = rec_frame_input(f, c);
+            for (size_t i = 0; i < s.S->row0[c + 1] - s.S->row0[c]; i++)
+                in[i] = (float)(g[c] * (double)s.image[c][i * 4] + 0.002 * t_normal());
+            rec_frame_camera(f, c)->present = true;
+        }
+        if (k == SETS)
+            rec_average_fix(a);
+        solve(&s, f);
+    }
+    T_OK(found(f)->gain && found(f)->sets == SETS);
+    for (int c = 0; c < 4; c++)
+        T_NEAR((double)found(f)->camera[c].gain * g[c], 1, 0.015);
+    rec_frame_free(&f);
+    rec_average_free(&a);
     scene_free(&s);
 }

@@ -1,13 +1,16 @@
 #include "recon/matrix/sysmat.h"
 
+#include <fcntl.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include "base/file.h"
 #include "base/log.h"
 #include "recon/geom/traverse.h"
+#include "recon/matrix/cache.h"
 #include "tests/lib/scratch.h"
 #include "tests/t.h"
 #include "tests/lib/centre.h"
@@ -1038,6 +1041,38 @@ T_CASE(cache_is_used_and_healed)
     rec_sysmat_free(&a);
     rec_rig_fini(&r);
     pvx_log_set_level(PVX_LOG_INFO);
+}
+
+/* Of three matrices the two used last stay. */
+T_CASE(cache_keeps_what_is_used)
+{
+    static const double cx[] = {0, 1, 0, 3}; /* the first is used again before the third comes */
+    struct rec_cached *file;
+    char gb[32], first[PATH_MAX], third[PATH_MAX];
+    size_t n;
+    setenv("PYROVOX_CACHE", at("small"), 1);
+    for (int i = 0; i < 4; i++) {
+        struct rec_rig r = ring(2, 40, 30, 8, REC_BOX);
+        r.cameras[0].cx += cx[i];
+        rec_sysmat *m = opened(&r, NULL, i == 2);
+        snprintf(i == 0 ? first : third, PATH_MAX, "%s",
+                 at("small/sysmat-%016llx.pvxm", (unsigned long long)m->key));
+        T_OK(rec_cache_list(&file, &n) == PVX_OK && n == (i == 0 ? 1 : 2));
+        snprintf(gb, sizeof gb, "%.9f", 2.5e-9 * (double)file[0].bytes);
+        for (size_t k = 0; k < n && i < 2; k++) /* long ago, in this order */
+            T_EQ_I(utimensat(AT_FDCWD, file[k].path,
+                             (struct timespec[]){{.tv_sec = 1}, {.tv_sec = 1000 + 10 * i + (int)k}},
+                             0),
+                   0);
+        setenv("PYROVOX_CACHE_MAX", gb, 1);
+        free(file);
+        rec_sysmat_free(&m);
+        rec_rig_fini(&r);
+    }
+    T_OK(rec_cache_list(&file, &n) == PVX_OK && n == 2);
+    T_OK(access(first, R_OK) == 0 && access(third, R_OK) == 0);
+    free(file);
+    unsetenv("PYROVOX_CACHE_MAX");
 }
 
 /* A disk that fills up, as the file size limit has it: said so, and nothing left behind. */

@@ -13,6 +13,7 @@
 #include "capture/source/backends.h"
 #include "capture/take/h5.h"
 #include "tests/lib/box.h"
+#include "tests/lib/patience.h"
 #include "tests/lib/scratch.h"
 #include "tests/lib/take_open.h"
 
@@ -433,7 +434,7 @@ T_CASE(a_camera_missing_for_long_does_not_hold_up_a_lossless_replay)
     struct cap_set *s;
     pvx_err e;
     unsigned n = 0;
-    for (; (e = cap_capture_next(cap, 20 * PVX_NS_PER_S, &s)) == PVX_OK; n++) {
+    for (; (e = cap_capture_next(cap, PATIENCE_NS, &s)) == PVX_OK; n++) {
         T_EQ_I(s->number, n);
         T_EQ_I(s->n, n < FROM || n >= TO ? 2 : 1);
         cap_set_release(s);

@@ -6,6 +6,7 @@
 #include "base/file.h"
 #include "capture/files/imgio.h"
 #include "capture/files/reel.h"
+#include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 
 enum { W = 20, H = 12 };
@@ -506,11 +507,7 @@ T_CASE(maps_and_circles)
 
 int main(void)
 {
-    char exe[200], lib[256];
-    if (pvx_exe_dir(exe, sizeof exe) != PVX_OK)
-        return 1;
-    snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
-    setenv("PYROVOX_LIBDIR", lib, 1);
+    plugins_of_this_build();
     TIFFSetWarningHandler(NULL); /* of what is written here */
     scratch_new();
     t_run();

@@ -21,6 +21,19 @@ def flame(n, phase):
     return v * (1 + 0.1 * np.random.default_rng(int(phase * 100)).standard_normal(v.shape).astype(np.float32))
 
 
+def blobs(n, channels, seed):
+    """A few soft balls and a sharp box, in a grid whose sides are no multiples of 8."""
+    r, (nx, ny, nz) = np.random.default_rng(seed), n
+    z, y, x = np.mgrid[0:nz, 0:ny, 0:nx].astype(float)
+    v = np.zeros((nz, ny, nx, channels))
+    for _ in range(4):
+        c, s = r.uniform(0.25, 0.75, 3) * n, r.uniform(0.06, 0.15) * min(n)
+        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * s * s))[..., None] * r.uniform(0.3, 2, channels)
+    v[v < 0.05] = 0
+    v[3:7, 2:6, nx - 5:nx] = 1.5  # reaches the grid's side
+    return v.astype(np.float16).astype(np.float32)
+
+
 class Bed:
     def __init__(self, build, label="view"):
         self.build, self.label = build, label

@@ -1,4 +1,5 @@
 """What 096-view.sh asks of a running bridge: bridge.py WHAT HOST:PORT TOKEN [more]"""
+import os
 import socket
 import struct
 import subprocess
@@ -10,6 +11,7 @@ from ws import Closed, Refused, WebSocket, request, set_of, type_of
 what, at, token, *more = sys.argv[1:]
 host, port = at.rsplit(":", 1)
 address = (host, int(port))
+patience = float(os.environ["patience"])  # s; of tests/system/lib.sh
 
 
 def get(path, method="GET", **headers):
@@ -208,7 +210,7 @@ def full():
     closed(page(), 4503)
     for p in pages[:8]:
         p.close()
-    end = time.monotonic() + 60
+    end = time.monotonic() + patience
     while True:
         try:
             p = page()
@@ -245,7 +247,7 @@ def slow():
     text = f"GET / HTTP/1.1\r\nHost: {at}\r\nX: ".encode()
     s.sendall(text)
     s.settimeout(0.5)
-    end = time.monotonic() + 120
+    end = time.monotonic() + patience
     while time.monotonic() < end:
         try:
             s.sendall(b"x")
@@ -373,7 +375,7 @@ def orders():
     wants = {"record": {"cmd": "record", "version": 1, "what": "volumes", "action": "start"}, "snapshot": {"cmd": "snapshot", "version": 1},
              "stop": {"cmd": "record", "version": 1, "what": "volumes", "action": "stop"}}
     for word, request in wants.items():
-        end = time.monotonic() + 60
+        end = time.monotonic() + patience
         while not rep.poll(0):  # a connection takes a moment
             assert time.monotonic() < end, word
             said(lambda o: o["said"].startswith(word), order=word)

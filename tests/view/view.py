@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from bed import Bed
+from bed import Bed, blobs
 from devtools import Browser
 
 bed = Bed(sys.argv[1])
@@ -18,19 +18,6 @@ only = sys.argv[2] if len(sys.argv) > 2 else ""
 browser = Browser()
 FOV, W, H = 40, 320, 240
 EYES = [(2.0, -1.4, 0.9), (-0.3, 2.2, 0.2), (0.35, 0.1, 3.4)]
-
-
-def blobs(n, channels, seed):
-    """A few soft balls and a sharp box, in a grid whose sides are no multiples of 8."""
-    r, (nx, ny, nz) = np.random.default_rng(seed), n
-    z, y, x = np.mgrid[0:nz, 0:ny, 0:nx].astype(float)
-    v = np.zeros((nz, ny, nx, channels))
-    for _ in range(4):
-        c, s = r.uniform(0.25, 0.75, 3) * n, r.uniform(0.06, 0.15) * min(n)
-        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * s * s))[..., None] * r.uniform(0.3, 2, channels)
-    v[v < 0.05] = 0
-    v[3:7, 2:6, nx - 5:nx] = 1.5  # reaches the grid's side
-    return v.astype(np.float16).astype(np.float32)
 
 
 def pixels(page, eye, target, exposure, w=W, h=H, count=0, fov=FOV):
@@ -140,6 +127,7 @@ def live():
     page.until("[...document.querySelectorAll('.camera p')].every((p) => p.textContent.includes('good'))")
     page.until("document.querySelectorAll('.camera canvas').length === 4 && [...document.querySelectorAll('.camera canvas')].every((c) => c.width > 1)")
     page.until("pyrovox.overlay.rig.length === 4")
+    page.until("/^good: residual .*4 cameras agree/.test(document.getElementById('verdict').textContent)")
     page.until("pyrovox.view.words.volumes_drawn > 10 && pyrovox.view.words.whole_ms[0] > 0")
     page.shot(f"{bed.shots}/wide.png")
     w = json.loads(page.eval("JSON.stringify(pyrovox.view.words)"))
@@ -197,6 +185,7 @@ def live():
     page.eval("{ const end = performance.now() + 1500; while (performance.now() < end); } 0")
     page.until(f"pyrovox.view.words.superseded > {lost}")
     page.until("[...document.querySelectorAll('#lost tr')].some((r) => r.textContent.includes('newer came first'))")
+    page.until("/here [0-9,]+ of [0-9,]+$/.test(document.getElementById('lost-sum').textContent)")
 
     # the daemon is killed, and comes back with another session
     session = page.eval("pyrovox.view.start.session")
@@ -265,6 +254,8 @@ def grey():
     page.eval("document.querySelectorAll('details')[1].open = true; 0")
     clicks(page, "slices")
     page.until("document.getElementById('map-unit').textContent === '1/m'")
+    metres = page.eval("[...document.querySelectorAll('#slice-rows output')].map((o) => o.textContent).join()")
+    assert metres == "0.000 m,0.000 m,0.700 m", metres
     time.sleep(0.4)
     page.shot(f"{bed.shots}/slices.png")
     clicks(page, "slices")

@@ -2,6 +2,7 @@
 #include <argp.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "daemon/cli/advise/advise.h"
 #include "recon/carve/clipped.h"
@@ -30,8 +31,13 @@ static void advise_say_light(const struct flame_sets *s, const struct advice *a)
     char room[120];
     const char *exposure = advise_exposure(s, a);
     advise_line("exposure", exposure);
-    printf("the brightest pixel is at %.0f %% of full scale, noise at %.2f %%\n",
-           100 * a->brightest, 100 * a->sigma);
+    if (a->saturated > 0)
+        printf("%.1f %% of the flame's pixels are at full scale, the brightest of the others is at "
+               "%.0f %%, noise at %.2f %%\n",
+               100 * a->saturated, 100 * a->brightest, 100 * a->sigma);
+    else
+        printf("the brightest pixel is at %.0f %% of full scale, noise at %.2f %%\n",
+               100 * a->brightest, 100 * a->sigma);
     unsigned top = s->depth.top;
     if (bits > 0)
         printf("%-23s these are %d bits in 16, saturated at %u; %s; measure again with it\n", "",
@@ -92,7 +98,31 @@ static void bodies(const struct flame_sets *s, const struct advice *a)
                  "its shape is known, or else a mask for each camera");
 }
 
-static void advise_do_motion(const struct advice *a, int32_t voxels)
+/* What the other lines do not say already. */
+static bool advise_doubts(const struct advice *a)
+{
+    const enum rec_cause c = a->belong.cause;
+    return c == REC_CAUSE_BOX || c == REC_CAUSE_RIG || c == REC_CAUSE_TURNED ||
+           c == REC_CAUSE_SWAPPED || c == REC_CAUSE_LATE || c == REC_CAUSE_REPEATS;
+}
+
+const char *advise_first(const struct flame_sets *s, const struct advice *a)
+{
+    return advise_doubts(a) ? "; first what is said of pictures and rig"
+           : strcmp(advise_exposure(s, a), "lower") == 0
+               ? "; first expose a quarter as long: clipped pictures look like this as well"
+           : a->gain.on ? "; first correct the gains below: cameras of unlike gain look like this "
+                          "as well"
+                        : NULL;
+}
+
+/* A term that helps is recommended only where nothing else has to be put right first. */
+static const char *advise_term(bool helps, const char *first)
+{
+    return helps && first == NULL ? "on" : "off";
+}
+
+static void advise_do_motion(const struct advice *a, int32_t voxels, const char *first)
 {
     const struct advise_motion *m = &a->motion;
     if (!m->known) {
@@ -111,11 +141,12 @@ static void advise_do_motion(const struct advice *a, int32_t voxels)
         printf("exposures over %.0f %% of the period smear it by half a voxel\n", 50 / m->voxels);
     else
         printf("no exposure smears it\n");
-    advise_line("temporal", m->on ? "on" : "off");
-    printf("the volume before improves %zu of %zu left-out pictures: error %.2f %%, without it "
-           "%.2f %%, noise alone %.2f %%; %.0f ms, without it %.0f ms at %d voxels\n",
-           m->better, m->pictures, 100 * m->error[1], 100 * m->error[0], 100 * m->floor, m->ms[1],
-           m->ms[0], voxels);
+    advise_line("temporal", advise_term(m->on, first));
+    printf("the volume before improves %zu of %zu left-out pictures, by %.1f standard errors: "
+           "error %.2f %%, without it %.2f %%, noise alone %.2f %%; %.0f ms, without it %.0f ms at "
+           "%d voxels%s\n",
+           m->better, m->pictures, m->sure, 100 * m->error[1], 100 * m->error[0], 100 * m->floor,
+           m->ms[1], m->ms[0], voxels, m->on && first != NULL ? first : "");
 }
 
 static void margin(const struct flame_sets *s, const struct advice *a)
@@ -206,14 +237,14 @@ static enum rec_basis basis(const struct advice *a)
     return ADVISE_SAME * a->basis[REC_BOX] < a->basis[REC_TRILINEAR] ? REC_BOX : REC_TRILINEAR;
 }
 
-static void model(const struct advice *a)
+static void model(const struct advice *a, const char *first)
 {
     const struct rec_absorption *b = &a->absorption;
-    advise_line("absorption", b->c > 0 ? "on" : "off");
+    advise_line("absorption", advise_term(b->c > 0, first));
     printf("c %.3g (depth %.1f at the brightest pixel) improves %u of %u left-out pictures: error "
-           "%.1f %%, without it %.1f %%, noise alone %.1f %%; no time\n",
+           "%.1f %%, without it %.1f %%, noise alone %.1f %%; no time%s\n",
            b->best, b->depth, b->better, b->views, 100 * b->missed[1], 100 * b->missed[0],
-           100 * b->noise);
+           100 * b->noise, b->c > 0 && first != NULL ? first : "");
     advise_line("basis", rec_basis_name(basis(a)));
     printf("error of left-out pictures %.1f %% (box), %.1f %% (trilinear)\n",
            100 * a->basis[REC_BOX], 100 * a->basis[REC_TRILINEAR]);
@@ -268,13 +299,19 @@ static void advise_size(const struct flame_sets *s, const struct advice *a)
 /* Print a line for each term on stdout, then a configuration to paste. */
 static void advise_print(const struct flame_sets *s, const struct advice *a)
 {
+    const char *first = advise_first(s, a);
+    const struct rec_plausible_verdict *v = &a->belong;
+    if (advise_doubts(a)) {
+        advise_line("rig", "doubtful");
+        printf("%s; next: %s\n", v->text, v->next);
+    }
     advise_say_light(s, a);
     advise_say_noise(a);
     bodies(s, a);
-    model(a);
+    model(a, first);
     advise_gains(s, a);
     advise_do_response(a);
-    advise_do_motion(a, s->params.voxels);
+    advise_do_motion(a, s->params.voxels, first);
     margin(s, a);
     advise_size(s, a);
     advise_detail(a);
@@ -283,7 +320,7 @@ static void advise_print(const struct flame_sets *s, const struct advice *a)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
     else
         printf("grid: [%d]\n", a->grid[a->best_grid].voxels);
-    if (s->mixed)
+    if (s->grey != 0)
         printf("channels: 1  # some cameras are grey, others have colour\n");
     double level = INFINITY; /* lowest of all cameras: one number must not subtract more */
     for (size_t c = 0; c < s->rig.n_cameras; c++)
@@ -295,8 +332,10 @@ static void advise_print(const struct flame_sets *s, const struct advice *a)
         printf("photometry: { black: %.4g, margin: %d }\n", level, a->margin_bins);
     else if (level > 0)
         printf("photometry: { black: %.4g }\n", level);
-    printf("model: { absorption: %.3g, saturated: %s, temporal: %s }\n", a->absorption.c,
-           a->saturated > ADVISE_SATURATED ? "at-least" : "left-out", a->motion.on ? "on" : "off");
+    printf("model: { absorption: %.3g, saturated: %s, temporal: %s }\n",
+           first == NULL ? a->absorption.c : 0.0,
+           a->saturated > ADVISE_SATURATED ? "at-least" : "left-out",
+           advise_term(a->motion.on, first));
     if (a->response.on)
         printf("# the cameras' response goes into %s\n", s->a->rig);
     for (size_t c = 0; c < s->rig.n_cameras; c++)
@@ -320,6 +359,16 @@ static error_t advise_parse(int key, char *arg, struct argp_state *st)
     }
 }
 
+/* With what was put right already. */
+static pvx_err advise_belong(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    rec_unseen *u;
+    PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &u, d));
+    pvx_err e = flame_sets_belong(s, u, &a->belong);
+    rec_unseen_free(&u);
+    return e;
+}
+
 static int advise_run(int argc, char **argv)
 {
     const struct argp_child children[] = {{flame_sets_argp(), 0, NULL, 1}, {0}};
@@ -339,6 +388,7 @@ static int advise_run(int argc, char **argv)
             s.rig.n_cameras);
     PVX_THEN(e, advise_measure(&s, &a, &d));
     PVX_THEN(e, advise_noise(&s, &a, &d));
+    PVX_THEN(e, advise_belong(&s, &a, &d));
     if (e == PVX_OK)
         advise_print(&s, &a);
     flame_sets_fini(&s);

@@ -36,6 +36,7 @@ struct advise_motion {
     double error[2],
         ms[2];    /* of left-out pictures and of a solve; without and with the volume before */
     double floor; /* the error that noise alone makes */
+    double sure;  /* what the volume before improves, in standard errors over the pictures */
     size_t better, pictures; /* pictures that the volume before improves; all pictures */
 };
 /* Where a camera stays dark although the volume of the others has light there. */
@@ -45,6 +46,7 @@ struct advise_body {
     double error[2];        /* of the other cameras' pictures, with these pixels and without */
 };
 struct advice {
+    struct rec_plausible_verdict belong;
     /* pictures, over all sets */
     double brightest;      /* measured value, full scale = 1 */
     double saturated, lit; /* share of the flame's bins at full scale; of all bins that are flame */
@@ -86,6 +88,8 @@ struct advice {
 PVX_MUST_CHECK pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* "raise", "lower" or "fine". */
 const char *advise_exposure(const struct flame_sets *s, const struct advice *a);
+/* Why no term is recommended yet, a clause: pictures are clipped, or gains are off.  NULL: nothing is in the way. */
+const char *advise_first(const struct flame_sets *s, const struct advice *a);
 /* The part of advise_measure about light: pictures, absorption, gains. */
 PVX_MUST_CHECK pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* Find the dark bodies before each camera.  found [REC_MAX_CAMERAS].  Their bins become NaN in all sets. */

@@ -204,7 +204,10 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     was = l.without * l.without;
     struct rec_absorption *b = &best.absorption;
     b->gain = fmax(was - is, 0) / fmax(was - noise * noise, 1e-3 * was + 1e-300);
-    b->c = b->gain >= (told(s, a) ? REC_ABSORPTION_GAIN : ADVISE_ABSORPTION) ? b->c : 0;
+    b->c = b->gain >= fmax(told(s, a) ? REC_ABSORPTION_GAIN : ADVISE_ABSORPTION,
+                           REC_ABSORPTION_SURE * b->unsure)
+               ? b->c
+               : 0;
     b->missed[0] = l.without;
     b->missed[1] = sqrt(is);
     a->absorption = *b;

@@ -29,7 +29,7 @@ struct motion {
         light; /* miss, ms: without and with the volume before; moved: emission times way */
     double noise;
     size_t solves[2];
-    double alone[CAMERAS * RUN]; /* miss of each picture, each set alone */
+    double gain[CAMERAS * RUN]; /* of each picture, in miss */
     size_t pictures[2];
 };
 
@@ -138,10 +138,8 @@ static pvx_err motion_leave_out(struct motion *w, size_t k, int leaning, bool tr
         if (j > 0) {
             double miss = rec_holdout_miss(w->u, k, w->c, &all);
             w->miss[leaning] += miss;
-            if (leaning)
-                w->m->better += miss < w->alone[w->pictures[1]];
-            else
-                w->alone[w->pictures[0]] = miss;
+            w->gain[w->pictures[leaning]] += leaning ? -miss : miss;
+            w->m->better += leaning && w->gain[w->pictures[1]] > 0;
             w->pictures[leaning]++;
             w->all += leaning ? 0 : all;
             w->noise += leaning ? 0 : rec_holdout_noise(w->u, k);
@@ -227,7 +225,9 @@ pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d
     m->floor = sqrt(w.noise / w.all);
     m->voxels = w.light > 0 ? w.moved / w.light : 0;
     m->pictures = w.pictures[1];
+    double unsure = rec_holdout_unsure(w.gain, m->pictures);
+    m->sure = unsure > 0 ? (w.miss[0] - w.miss[1]) / unsure : 0;
     m->on = w.miss[0] - w.miss[1] > ADVISE_LEANS * fmax(w.miss[0] - w.noise, 0) &&
-            4 * m->better >= 3 * m->pictures;
+            m->sure > REC_ABSORPTION_SURE && 4 * m->better >= 3 * m->pictures;
     return PVX_OK;
 }

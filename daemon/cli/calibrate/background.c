@@ -19,8 +19,9 @@
 static const char doc[] =
     "Take the mean of pictures without a flame. It is subtracted from pictures with one.\v"
     "From pictures, into a folder for `pyrovox reconstruct --background` with the same rig:\n"
-    "  pyrovox calibrate background --rig rig.yaml --frames empty.h5 --out background\n"
-    "In a running daemon, from its next sets, until it ends or until --sets 0:\n"
+    "  pyrovox calibrate background --rig rig.yaml --frames empty.h5 \\\n"
+    "          --out background\n"
+    "\nIn a running daemon, from its next sets, until it ends or until --sets 0:\n"
     "  pyrovox calibrate background --live --sets 64\n"
     "\n"
     "It is refused if something moves in it: the flame is still there.";

@@ -30,7 +30,8 @@ static const struct cli_row rows[] = {
 static const char doc[] =
     "Draw a calibration board in true size, to print.\vExamples:\n"
     "  pyrovox calibrate board charuco:8x11:0.03:0.022 --out board.pdf\n"
-    "  pyrovox calibrate board charuco:6x8:0.03:0.022 --two-sided --page A4 --out board.pdf\n"
+    "  pyrovox calibrate board charuco:6x8:0.03:0.022 --two-sided --page A4 \\\n"
+    "          --out board.pdf\n"
     "  pyrovox calibrate board chessboard:9x6:25mm --out board.svg\n"
     "\n"
     "SPEC, lengths in metres (or \"30mm\"):\n"

@@ -6,7 +6,7 @@
 #include "daemon/cli/calibrate/report.h"
 #include "daemon/cli/calibrate/check_say.h"
 #include "daemon/cli/common/cli.h"
-#include "recon/check/meant.h"
+#include "recon/check/plausible.h"
 
 struct args {
     struct flame_sets_args sets;
@@ -25,7 +25,8 @@ static const struct argp_option options[] = {
 
 static const char doc[] =
     "Compare each camera with the volume that the other cameras make of a flame.\vExamples:\n"
-    "  pyrovox calibrate check --rig rig.yaml --frames take.h5 --report check.html\n"
+    "  pyrovox calibrate check --rig rig.yaml --frames take.h5 --black 0.02 \\\n"
+    "          --report check.html\n"
     "\n"
     "Names the camera that is wrong and how: dark, flooded, moved (by how many pixels, which way), "
     "mirrored, late, blurred, of another gain. Needs at least four cameras and a flame that moves. "
@@ -57,37 +58,23 @@ static error_t check_parse_opt(int key, char *arg, struct argp_state *st)
     }
 }
 
-/* The mistake in the rig that explains the set that was read last. */
-static pvx_err check_say_meant(const struct check_result *r)
-{
-    const struct flame_sets *s = r->sets;
-    const uint8_t *lit[REC_MAX_CAMERAS];
-    const rec_unseen *u = rec_check_unseen(r->check);
-    char text[REC_MEANT_TEXT];
-    for (size_t c = 0; c < s->rig.n_cameras; c++)
-        lit[c] = rec_unseen_present(u, c) ? rec_unseen_lit(u, c) : NULL;
-    pvx_err e = rec_rig_meant(&s->rig, s->params.binning, lit, text);
-    if (e == PVX_OK && text[0] != '\0')
-        printf("%s\n", text);
-    return e;
-}
-
 static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong,
                          struct pvx_diag *d)
 {
     static struct rec_check_verdict verdict; /* large */
-    struct check_result r = {a->sets.rig, a->sets.frames, s, NULL, &verdict};
+    struct rec_plausible_verdict belong;
+    struct check_result r = {a->sets.rig, a->sets.frames, s, NULL, &verdict, &belong};
     for (size_t i = 0; i < a->n_reports; i++)
         PVX_TRY(calibrate_report_possible(a->report[i], true, d));
     PVX_TRY(flame_sets_load(s, &a->sets, d));
     PVX_TRY(rec_check_new(&s->rig, &s->params, s->pool, &r.check, d));
     struct rec_check_source from = flame_sets_source(s, "check");
-    pvx_err e = rec_check_run(r.check, &s->rig, &from, &verdict, d);
+    pvx_err e = flame_sets_belong(s, rec_check_unseen(r.check), &belong);
+    PVX_THEN(e, rec_check_run(r.check, &s->rig, &from, &verdict, d));
     if (e == PVX_OK) {
         check_print(&r);
-        e = verdict.outcome == REC_CHECK_AGREES ? PVX_OK : check_say_meant(&r);
         fflush(stdout);
-        *wrong = verdict.outcome != REC_CHECK_AGREES;
+        *wrong = verdict.outcome != REC_CHECK_AGREES || check_explained(&r);
     }
     for (size_t i = 0; i < a->n_reports && e == PVX_OK; i++)
         e = calibrate_write_report(a->report[i], check_json, check_html, &r, d);

@@ -1,20 +1,59 @@
 #include "daemon/cli/calibrate/check_say.h"
 
 #include <math.h>
+#include <string.h>
 
 #define DEGREES 57.29577951308232
+
+bool check_explained(const struct check_result *r)
+{
+    const enum rec_cause c = r->belong->cause;
+    return c != REC_CAUSE_NONE && c != REC_CAUSE_SATURATED && c != REC_CAUSE_GAIN &&
+           c != REC_CAUSE_CAMERA && c != REC_CAUSE_UNTOLD;
+}
+
+/* It is about more than one camera. */
+static bool check_of_rig(const struct check_result *r)
+{
+    return check_explained(r) && __builtin_popcountll(r->belong->cameras) != 1;
+}
 
 void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTENCE])
 {
     char text[DMN_CHECK_WORDS];
+    out[0] = '\0';
+    if (check_of_rig(r))
+        return;
     dmn_check_sentence(&r->verdict->figures.camera[c], text);
     snprintf(out, CHECK_SENTENCE, "%s%s%s", text[0] != '\0' ? r->sets->rig.cameras[c].name : "",
              text[0] != '\0' ? " " : "", text);
 }
 
+/* Grey pictures fit those with colour in the mean of the channels, which is all that a check compares. */
+static void check_grey(const struct flame_sets *s, char *out, size_t size)
+{
+    size_t n = 0;
+    for (size_t c = 0; c < s->rig.n_cameras && n + REC_NAME_MAX + 2 < size; c++)
+        if ((s->grey >> c & 1) != 0)
+            n += (size_t)snprintf(out + n, size - n, "%s%s", n > 0 ? ", " : "",
+                                  s->rig.cameras[c].name);
+}
+
 void check_conclusion(const struct check_result *r, char out[CHECK_SENTENCE])
 {
-    dmn_check_conclusion(r->verdict->outcome, r->verdict->n_wrong, r->sets->rig.n_cameras, out);
+    char grey[200] = "";
+    if (check_of_rig(r))
+        rec_plausible_line(r->belong, out);
+    else
+        dmn_check_conclusion(r->verdict->outcome, r->verdict->n_wrong, r->sets->rig.n_cameras, out);
+    check_grey(r->sets, grey, sizeof grey);
+    size_t n = strlen(out);
+    if (grey[0] != '\0')
+        snprintf(out + n, CHECK_SENTENCE - n,
+                 "; of %s only the brightness was compared, it is grey and other cameras have "
+                 "colour: solve one channel (reconstruct --grey; channels: 1), or leave one kind "
+                 "out (--cameras A,B,...)",
+                 grey);
 }
 
 void check_print(const struct check_result *r)
@@ -46,6 +85,10 @@ void check_print(const struct check_result *r)
     }
     check_conclusion(r, text);
     printf("%s\n", text);
+    if (r->belong->cause != REC_CAUSE_NONE && !check_of_rig(r)) {
+        rec_plausible_line(r->belong, text);
+        printf("%s\n", text);
+    }
 }
 
 /* ---- JSON ---- */
@@ -78,6 +121,8 @@ void check_json(struct dmn_json *j, const void *ctx)
     dmn_json_int(j, "binning", r->sets->params.binning);
     dmn_json_str(j, "outcome", dmn_check_outcome(r->verdict->outcome));
     dmn_json_str(j, "text", text);
+    dmn_json_str(j, "cause", rec_cause_name(r->belong->cause));
+    dmn_json_str(j, "next", r->belong->next);
     dmn_json_num(j, "flame_moves", r->verdict->figures.moves);
     dmn_json_open(j, "cameras", '[');
     for (size_t c = 0; c < r->sets->rig.n_cameras; c++)

@@ -5,15 +5,20 @@
 
 #include "daemon/cli/common/flame_sets.h"
 #include "daemon/control/check_words.h"
+#include "recon/check/plausible.h"
 
 struct check_result {
     const char *rig, *frames; /* as they were named */
     const struct flame_sets *sets;
     rec_check *check;
     const struct rec_check_verdict *verdict;
+    const struct rec_plausible_verdict *belong; /* do pictures and rig belong together? */
 };
 
-#define CHECK_SENTENCE 700
+/* A mistake was found in the rig or in the pictures, so what is said of cameras is its consequence. */
+bool check_explained(const struct check_result *r);
+
+#define CHECK_SENTENCE REC_PLAUSIBLE_LINE
 /* What is wrong with camera c, by how much, and what to do about it.  "": nothing is wrong. */
 void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTENCE]);
 /* The conclusion about all cameras together. */

@@ -8,8 +8,8 @@
 
 static const char doc[] =
     "Make every camera's colours those of one camera, by a matrix in rig.yaml.\vExamples:\n"
-    "  pyrovox calibrate colour --rig rig4.yaml --frames red.h5 --frames green.h5 --frames blue.h5 "
-    "--out rig5.yaml\n"
+    "  pyrovox calibrate colour --rig rig4.yaml --frames red.h5 --frames green.h5 \\\n"
+    "          --frames blue.h5 --out rig5.yaml\n"
     "\n"
     "Give --frames for each of 3 colours or more that fill the middle of all pictures, far from "
     "each other. Red, green and blue filters before the even source will do.\n"

@@ -10,8 +10,8 @@
 static const char doc[] =
     "Measure the sensitivity of each pixel, with vignetting, by an even source, and write it into "
     "rig.yaml.\vExamples:\n"
-    "  pyrovox calibrate flat --rig rig2.yaml --frames a.h5 --frames b.h5 --frames c.h5 --frames "
-    "d.h5 --out rig3.yaml\n"
+    "  pyrovox calibrate flat --rig rig2.yaml --frames a.h5 --frames b.h5 \\\n"
+    "          --frames c.h5 --frames d.h5 --out rig3.yaml\n"
     "\n"
     "An evenly lit panel or sheet fills the pictures, at half of full scale. Give --frames for "
     "each of 4 places of it. Turn it by a quarter each time, so that its own shading cancels.\n"

@@ -39,8 +39,9 @@ static const struct cli_row rows[] = {
 
 static const char doc[] =
     "Calibrate through the rig's own cameras and triggers.\vExamples:\n"
-    "  pyrovox calibrate live --config pyrovoxd.yaml --board charuco:8x11:0.03:0.022:two-sided "
-    "--volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml\n"
+    "  pyrovox calibrate live --config pyrovoxd.yaml \\\n"
+    "          --board charuco:8x11:0.03:0.022:two-sided \\\n"
+    "          --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml\n"
     "\n"
     "Stop pyrovoxd first: a camera has one master. Then:\n"
     "  1. Lay the board flat where the middle of the volume's floor is. The first picture is taken "
@@ -63,12 +64,14 @@ static const char doc[] =
     "Without a terminal it prints a line for each event.\n"
     "Exit code 0 when the rig was written, also after Ctrl-C.\n"
     "\n"
-    "Without cameras, after `printf 'cameras: {cam0: \"aravis:127.0.0.2\", cam1: "
-    "\"aravis:127.0.0.3\", cam2: \"aravis:127.0.0.4\", cam3: \"aravis:127.0.0.5\"}\\nfps: "
-    "10\\nshared_clock: true\\n' > sim.yaml`:\n"
-    "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 --board "
-    "charuco:5x6:0.14:0.105:two-sided -- pyrovox calibrate live --config sim.yaml --board "
-    "charuco:5x6:0.14:0.105:two-sided --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml";
+    "Without cameras:\n"
+    "  (echo cameras:; printf '  cam%d: \"aravis:127.0.0.%d\"\\n' 0 2 1 3 2 4 3 5) \\\n"
+    "          > sim.yaml\n"
+    "  printf 'fps: 10\\nshared_clock: true\\n' >> sim.yaml\n"
+    "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 \\\n"
+    "          --board charuco:5x6:0.14:0.105:two-sided -- pyrovox calibrate live \\\n"
+    "          --config sim.yaml --board charuco:5x6:0.14:0.105:two-sided \\\n"
+    "          --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml";
 
 static error_t live_parse_opt(int key, char *arg, struct argp_state *st)
 {

@@ -7,8 +7,8 @@
 static const char doc[] =
     "Measure read noise and gain of each camera by photon transfer, and write them into "
     "rig.yaml.\vExamples:\n"
-    "  pyrovox calibrate noise --rig rig3.yaml --frames darks.h5 --frames dim.h5 --frames half.h5 "
-    "--frames bright.h5 --out rig4.yaml\n"
+    "  pyrovox calibrate noise --rig rig3.yaml --frames darks.h5 --frames dim.h5 \\\n"
+    "          --frames half.h5 --frames bright.h5 --out rig4.yaml\n"
     "\n"
     "Take a still scene under steady light. Give --frames for each of 2 levels or more, from caps "
     "on to nearly full, by exposure or by the lamp, with 8 pictures each (at least 2). Darks and "

@@ -25,7 +25,8 @@ static const struct cli_row rows[] = {
 static const char doc[] =
     "Correct the poses of a rig by a flame: each camera is fitted to the volume that the others "
     "make of it, in up to 5 rounds.\vExamples:\n"
-    "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --out refined.yaml\n"
+    "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --black 0.02 \\\n"
+    "          --out refined.yaml\n"
     "\n"
     "Two thirds of the frame sets fit, and the last third judges. The rig is written only if views "
     "that were left out of its volumes get better there. Otherwise the figures are printed, and "

@@ -9,11 +9,13 @@
 static const char doc[] =
     "Measure the light of each sample value from exposures of one unmoved scene, and write it into "
     "rig.yaml.\vExamples:\n"
-    "  pyrovox calibrate response --rig rig.yaml --frames a --exposure 1 --frames b --exposure 1.4 "
-    "--frames c --exposure 2.2 --frames d --exposure 3 ... --out rig2.yaml\n"
+    "  pyrovox calibrate response --rig rig.yaml --out rig2.yaml \\\n"
+    "          --frames a --exposure 0.2 --frames b --exposure 0.4 \\\n"
+    "          --frames c --exposure 0.6 --frames d --exposure 1.2 \\\n"
+    "          --frames e --exposure 2 --frames f --exposure 4\n"
     "\n"
     "The light is steady and nothing moves. Take 6 exposures or more from nearly dark to nearly "
-    "full, at most a factor of 2 apart. Takes contain their exposure.\n"
+    "full, at most a factor of 2 apart, in uneven steps. Takes contain their exposure.\n"
     "Do this first of all steps. Darks and flats are measured in light, so those of the rig are "
     "removed.";
 

@@ -190,7 +190,7 @@ static void draw_graph(struct page *p, const struct live *l)
     }
     page_line(p, "joined    %s", n > 0 ? text : "none yet: poses that two cameras see together");
     screen_say_missing(l, missing, sizeof missing);
-    page_line(p, "missing   %s", missing[0] != '\0' ? missing : "nothing");
+    page_words(p, 9, "missing", missing[0] != '\0' ? missing : "nothing");
 }
 
 static void draw_findings(struct page *p, const struct live *l)
@@ -198,13 +198,14 @@ static void draw_findings(struct page *p, const struct live *l)
     const struct rec_calib_report *r = &l->result.report;
     for (size_t i = 0; l->result.there && i < r->n_findings && i < 3; i++)
         if (r->finding[i].severity == REC_CALIB_REFUSED)
-            page_line(p, "refused   %s", r->finding[i].text);
+            page_words(p, 9, "refused", r->finding[i].text);
         else if (r->finding[i].severity == REC_CALIB_WARNING &&
                  r->finding[i].what != REC_CALIB_VERDICT &&
                  r->finding[i].what != REC_CALIB_WEAK_PAIR)
-            page_line(p, "warning   %s", r->finding[i].text);
+            page_words(p, 9, "warning", r->finding[i].text);
 }
 
+/* What a person has to act on stands above the tables, which a small terminal may cut off. */
 static void screen_draw_page(const struct live *l)
 {
     static struct page p;
@@ -212,20 +213,19 @@ static void screen_draw_page(const struct live *l)
     page_begin(&p);
     page_line(&p, "pyrovox calibrate live   %zu poses in %s   %.1f s per solution", l->poses,
               l->frames, l->result.seconds);
+    page_line(&p, "Ctrl-C ends, keeps every picture and writes %s", l->a->out);
     page_line(&p, "%s", "");
     say_now(l, text, sizeof text);
-    page_line(&p, "NOW       %s", text);
+    page_words(&p, 9, "NOW", text);
     say_advice(l, text, sizeof text);
-    page_line(&p, "NEXT      %s", text);
+    page_words(&p, 9, "NEXT", text);
+    say_error(l, text, sizeof text);
+    page_words(&p, 9, "expected", text);
+    draw_findings(&p, l);
     page_line(&p, "%s", "");
     screen_draw_cameras(&p, l);
     page_line(&p, "%s", "");
     draw_graph(&p, l);
-    say_error(l, text, sizeof text);
-    page_line(&p, "expected  %s", text);
-    draw_findings(&p, l);
-    page_line(&p, "%s", "");
-    page_line(&p, "Ctrl-C ends, keeps every picture and writes %s", l->a->out);
     page_show(&p);
 }
 

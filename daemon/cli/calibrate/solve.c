@@ -42,12 +42,14 @@ static const struct cli_row rows[] = {
 
 static const char doc[] =
     "Make rig.yaml from pictures of a calibration board.\vExamples:\n"
-    "  pyrovox calibrate solve --frames pictures --board charuco:8x11:0.03:0.022:two-sided "
-    "--volume -0.5,-0.5,0,0.5,0.5,1 --floor 0 --out rig.yaml\n"
+    "  pyrovox calibrate solve --frames pictures \\\n"
+    "          --board charuco:8x11:0.03:0.022:two-sided \\\n"
+    "          --volume -0.5,-0.5,0,0.5,0.5,1 --floor 0 --out rig.yaml\n"
     "\n"
     "The five steps:\n"
     "  1. Print a board, two-sided if cameras stand all around:\n"
-    "     pyrovox calibrate board charuco:8x11:0.03:0.022 --two-sided --out board.pdf\n"
+    "     pyrovox calibrate board charuco:8x11:0.03:0.022 --two-sided \\\n"
+    "          --out board.pdf\n"
     "  2. Fix cameras, focus, zoom, binning and region as they will be. Use short exposures.\n"
     "  3. Lay the board flat where the middle of the volume's floor is. Take one picture with all "
     "cameras at the same instant: number 0.\n"

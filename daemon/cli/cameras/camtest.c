@@ -9,10 +9,13 @@
 #include "capture/pixel/jpeg.h"
 #include "capture/pixel/pixfmt.h"
 #include "daemon/cli/pictures/look.h"
+#include "recon/carve/photo.h"
 
 #define OPEN_NS (10 * PVX_NS_PER_S) /* longest wait for cameras that do not open */
 #define SAID_NS (2 * PVX_NS_PER_S)  /* longest wait if all of them report an error */
 #define LOOK_NS (50 * PVX_NS_PER_MS)
+
+#define MOST_BINS (1 << 20) /* of a picture whose dark is looked at: noise needs no more */
 
 /* ---- frames ----------------------------------------------------------------------------------- */
 
@@ -295,25 +298,85 @@ void camtest_free(struct camtest **tp)
 
 /* ---- pictures --------------------------------------------------------------------------------- */
 
-static pvx_err cameras_save(const struct cap_image *raw, const char *path, struct pvx_diag *d)
+/* The picture in bins of binning x binning pixels, linear, [height / binning][width / binning][nch 3: 4].  Owner: caller. */
+static pvx_err cameras_pixels(const struct cap_image *raw, int32_t binning, int *nch, float **out,
+                              struct pvx_diag *d)
 {
     cap_jpeg *jpeg = NULL;
     struct cap_image img = *raw;
     pvx_err e = PVX_OK;
+    *out = NULL;
     if (raw->fmt == CAP_JPEG) {
         e = cap_jpeg_new(raw->width, raw->height, &jpeg);
         PVX_THEN(e, cap_jpeg_decode(jpeg, raw, &img, d));
     }
-    int nch = e == PVX_OK ? cap_pixfmt_channels(img.fmt) : 1;
-    size_t pixels = (size_t)img.width * (size_t)img.height;
-    float *pix = e == PVX_OK ? pvx_calloc(pixels * 4, sizeof *pix) : NULL;
-    PVX_THEN(e, pix == NULL ? PVX_ENOMEM : cap_bin(&img, 1, nch, 0, img.height, pix));
+    *nch = e == PVX_OK ? cap_pixfmt_channels(img.fmt) : 1;
+    img.width -= img.width % binning;
+    img.height -= img.height % binning;
+    size_t bins = (size_t)(img.width / binning) * (size_t)(img.height / binning);
+    float *pix = e == PVX_OK ? pvx_calloc(bins * 4, sizeof *pix) : NULL;
+    PVX_THEN(e,
+             pix == NULL ? PVX_ENOMEM : cap_bin(&img, binning, *nch, 0, img.height / binning, pix));
+    cap_jpeg_free(&jpeg);
+    if (e != PVX_OK)
+        PVX_FREE(pix);
+    *out = pix;
+    return e;
+}
+
+static pvx_err cameras_save(const struct cap_image *raw, const char *path, struct pvx_diag *d)
+{
+    int nch;
+    float *pix;
+    size_t pixels = (size_t)raw->width * (size_t)raw->height;
+    pvx_err e = cameras_pixels(raw, 1, &nch, &pix, d);
     for (size_t i = 0; e == PVX_OK && nch == 3 && i < pixels; i++) /* four floats to three */
         memmove(pix + 3 * i, pix + 4 * i, 3 * sizeof *pix);
-    PVX_THEN(e, look_save(&look_defaults, path, pix, img.width, img.height, nch, d));
+    PVX_THEN(e, look_save(&look_defaults, path, pix, raw->width, raw->height, nch, d));
     free(pix);
-    cap_jpeg_free(&jpeg);
     return e;
+}
+
+/* Whether blacks are clipped, by the photometry of a frame set, of the camera's last picture.  Bins of 2x2 or more: of
+ * single samples that are nearly all 0 it says nothing. */
+static pvx_err camtest_black(struct camtest_camera *c, const struct cap_image *img,
+                             struct pvx_diag *d)
+{
+    static const float gain[3] = {1, 1, 1};
+    struct rec_photo_stats stats;
+    struct rec_photo_image im = {
+        .binning = 2, .gain = gain, .params = &rec_photo_defaults, .stats = &stats};
+    while ((int64_t)(img->width / im.binning) * (img->height / im.binning) > MOST_BINS)
+        im.binning++;
+    im.bw = img->width / im.binning;
+    im.bh = img->height / im.binning;
+    im.bayer = cap_pixfmt_bayer(img->fmt) != NULL ? im.binning : 0;
+    size_t bins = (size_t)im.bw * (size_t)im.bh;
+    if (bins == 0)
+        return PVX_OK;
+    PVX_TRY(cameras_pixels(img, im.binning, &im.nch, &im.img, d));
+    im.weight = pvx_calloc(bins, sizeof *im.weight);
+    im.lit = pvx_calloc(bins, 1);
+    im.work = rec_photo_work_new(im.bw, im.bh);
+    pvx_err e = im.weight != NULL && im.lit != NULL && im.work != NULL ? PVX_OK : PVX_ENOMEM;
+    if (e == PVX_OK) {
+        rec_photo_apply(&im, 1, NULL);
+        c->cut = (double)stats.cut;
+        c->pedestal = (double)stats.pedestal;
+    }
+    free(im.work);
+    free(im.lit);
+    free(im.weight);
+    free(im.img);
+    return e;
+}
+
+pvx_err camtest_look(struct camtest *t, struct pvx_diag *d)
+{
+    for (uint32_t i = 0; i < t->n; i++)
+        if (t->camera[i].last != NULL)
+            PVX_TRY(camtest_black(&t->camera[i], &t->camera[i].last->frame[i]->img, d));
+    return PVX_OK;
 }
 
 pvx_err camtest_save(const struct camtest *t, const char *dir, struct pvx_diag *d)

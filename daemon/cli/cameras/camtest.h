@@ -1,7 +1,8 @@
 /* camtest.h - all cameras opened together, watched for some seconds, and judged.
  *
  * Measured for each camera: frames, rate, bytes, intervals by its own stamps and by arrival, lost frames and their
- * causes, and how far its exposures lie from the middle of their sets.  For all together: the spread of the sets.
+ * causes, how far its exposures lie from the middle of their sets, and whether its blacks are clipped.  For all
+ * together: the spread of the sets.
  * Intervals are taken only between frames with successive numbers, so that a lost frame does not also count as
  * jitter.  Counts are of the measured time only, without the time in which cameras were opened.
  * Threads: one test belongs to one thread.  Frames outside of sets come from capture's threads. */
@@ -36,6 +37,7 @@ struct camtest_camera {
     uint64_t base[CAP_N_COUNT], count[CAP_N_COUNT];
     struct cap_camera_stats stats;
     struct cap_set *last; /* holds the last frame */
+    double cut, pedestal; /* of rec_photo_say_cut, by camtest_look */
     /* filled in by camtest_judge */
     double hz;
     enum camtest_verdict verdict;
@@ -76,6 +78,8 @@ PVX_MUST_CHECK pvx_err camtest_new(const struct camtest_options *o, struct camte
                                    struct pvx_diag *d);
 /* Measure until the time is over or cli_stop (then `interrupted` is set).  Progress goes to stderr. */
 PVX_MUST_CHECK pvx_err camtest_run(struct camtest *t, struct pvx_diag *d);
+/* Look at the blacks of the last pictures. */
+PVX_MUST_CHECK pvx_err camtest_look(struct camtest *t, struct pvx_diag *d);
 void camtest_judge(struct camtest *t);
 /* Save a picture of each camera that gave one as DIR/NAME.png. */
 PVX_MUST_CHECK pvx_err camtest_save(const struct camtest *t, const char *dir, struct pvx_diag *d);

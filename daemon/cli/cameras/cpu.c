@@ -28,7 +28,8 @@ static int cpu_run(int argc, char **argv)
                "PYROVOX_CPU=NAME, which pyrovoxd heeds too.\n\n"
                "Examples:\n"
                "  pyrovox cpu\n"
-               "  pyrovox --cpu ref reconstruct --rig rig.yaml --frames take --out vol\n"
+               "  pyrovox --cpu ref reconstruct --rig rig.yaml --frames take \\\n"
+               "          --black 0.02 --out vol\n"
                "  PYROVOX_CPU=ref pyrovoxd --config my.yaml\n"};
     argp_parse(&argp, argc, argv, 0, NULL, NULL);
     char model[256] = "";

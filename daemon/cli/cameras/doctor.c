@@ -6,6 +6,8 @@
 
 #include "base/file.h"
 #include "base/mem.h"
+#include "base/log.h"
+#include "daemon/cli/cameras/camtest.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/config/config.h"
@@ -14,7 +16,7 @@
 
 struct args {
     const char *config, *fix_script, *record;
-    bool json, all;
+    bool json, all, cameras;
     double sample_s, disk_mb;
 };
 
@@ -24,6 +26,8 @@ static const struct cli_row rows[] = {
     {"c|config", "FILE", AT(config), 0, 0,
      "the daemon's configuration: then the checks know how many cameras there are, where, how "
      "large and how fast"},
+    {"cameras", NULL, AT(cameras), 0, 0,
+     "open the cameras of --config for a moment, and see whether they clip their blacks"},
     {"a|all", NULL, AT(all), 0, 0, "show what is well, too"},
     {"json", NULL, AT(json), 0, 0, "print JSON"},
     {"fix-script", "FILE", AT(fix_script), 0, 0,
@@ -38,7 +42,8 @@ static const char doc[] =
     "Check this host for faults that lose frames, and print a remedy for each.\vExamples:\n"
     "  pyrovox doctor\n"
     "  sudo pyrovox doctor --config /etc/pyrovox/pyrovoxd.yaml\n"
-    "  pyrovox doctor --sample 10              # while the daemon runs: which counters grow now?\n"
+    "  pyrovox doctor --config pyrovoxd.yaml --cameras\n"
+    "  pyrovox doctor --sample 10    # which counters grow while the daemon runs?\n"
     "  pyrovox doctor --fix-script fix.sh && less fix.sh && sudo sh fix.sh\n"
     "  pyrovox doctor --json | jq '.findings[] | select(.verdict == \"fail\") | .id'\n"
     "  pyrovox doctor --record /data/takes --disk-test 500\n"
@@ -58,6 +63,8 @@ static error_t doctor_parse(int key, char *arg, struct argp_state *st)
     case ARGP_KEY_END:
         if (a->disk_mb > 0 && a->record == NULL)
             argp_error(st, "--disk-test needs --record DIR");
+        if (a->cameras && a->config == NULL)
+            argp_error(st, "--cameras needs --config FILE");
         return 0;
     default: return cli_row(rows, key, arg, st, a);
     }
@@ -77,6 +84,29 @@ static pvx_err get_load(const struct args *a, struct doc_load *l, struct pvx_dia
     if (a->record != NULL)
         snprintf(l->record, sizeof l->record, "%s", a->record);
     return PVX_OK;
+}
+
+/* Open the cameras and look at one picture of each.  Why they cannot be opened, a check says. */
+static void doctor_look(const struct args *a, struct doc_load *l)
+{
+    struct camtest_options o = {.config = a->config, .seconds = 0.1};
+    struct camtest *t = NULL;
+    struct pvx_diag d = {""};
+    pvx_log_set_level(PVX_LOG_ERROR);
+    cli_catch_stop();
+    pvx_err e = camtest_new(&o, &t, &d);
+    PVX_THEN(e, camtest_run(t, &d));
+    PVX_THEN(e, camtest_look(t, &d));
+    if (e != PVX_OK)
+        cli_error(&d, e);
+    for (uint32_t i = 0; i < l->n; i++) {
+        struct doc_load_camera *k = &l->camera[i];
+        k->looked = true;
+        k->pictured = e == PVX_OK && t->camera[i].last != NULL;
+        k->cut = k->pictured ? t->camera[i].cut : 0;
+        k->pedestal = k->pictured ? t->camera[i].pedestal : 0;
+    }
+    camtest_free(&t);
 }
 
 static pvx_err doctor_write_script(const char *path, const struct doctor *doctor,
@@ -110,6 +140,8 @@ static int doctor_run(int argc, char **argv)
     pvx_err e = doctor == NULL ? PVX_ENOMEM : get_load(&a, &doctor->load, &d);
     int code = 3;
     if (e == PVX_OK) {
+        if (a.cameras)
+            doctor_look(&a, &doctor->load);
         doc_host_init(&host);
         host.sample_s = a.sample_s;
         host.disk_write = a.disk_mb * 1e6;

@@ -2,7 +2,10 @@
 #include <math.h>
 #include <stdarg.h>
 
+#include <string.h>
+
 #include "daemon/cli/cameras/camtest.h"
+#include "recon/carve/clipped.h"
 
 void camtest_add(struct camtest_series *s, double v)
 {
@@ -137,6 +140,15 @@ static void timing(const struct camtest *t, struct camtest_camera *c)
                   "its link is full: %.0f of %.0f Mb/s", mbps, h->link_mbps);
 }
 
+static void blacks(struct camtest_camera *c)
+{
+    char text[REC_PHOTO_CUT_TEXT];
+    if (!rec_photo_say_cut(c->cut, c->pedestal, text))
+        return;
+    char *cure = strstr(text, "; ");
+    judge_say(c, CAMTEST_WARN, cure + 2, "%.*s", (int)(cure - text), text);
+}
+
 /* Judge the troubles that capture found itself: slips, missed triggers, a wrong clock ... */
 static void judge_troubles(struct camtest_camera *c)
 {
@@ -199,6 +211,7 @@ void camtest_judge(struct camtest *t)
             losses(c, c);
             judge_troubles(c);
             timing(t, c);
+            blacks(c);
         }
     }
     judge_sets(t);

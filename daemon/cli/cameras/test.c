@@ -36,13 +36,17 @@ static const char doc[] =
     "Open cameras together, grab for some seconds and judge each.\vExamples:\n"
     "  pyrovox cameras test\n"
     "  pyrovox cameras test --config pyrovoxd.yaml --seconds 60 --save look\n"
-    "  pyrovox cameras test --fps 30 --pixel-format Mono8 aravis:192.168.1.21 aravis:192.168.1.22\n"
+    "  pyrovox cameras test --fps 30 \\\n"
+    "          --pixel-format Mono8 aravis:192.168.1.21 aravis:192.168.1.22\n"
     "  pyrovox cameras test --trigger software sim: sim:drop=0.1\n"
     "\n"
     "Without SOURCE or --config it tests all cameras that are found. Columns: rate; good frames; "
     "lost frames (by cause below the table); jitter of the intervals between frames, standard "
     "deviation and worst, by the camera's own stamps and by arrival here; bytes per second; share "
     "of the link and temperature if the camera gives them.\n"
+    "\n"
+    "It says so if blacks are clipped, which adds light: for this, part of the picture must be "
+    "dark.\n"
     "\n"
     "For several cameras it also prints how far apart the exposures of a set lie. Clocks that are "
     "not synchronized are mapped to the host's clock, which is right to 1 ms in the first "
@@ -89,6 +93,7 @@ static int test(const struct args *a)
     struct pvx_diag d = {""};
     pvx_err e = camtest_new(&a->o, &t, &d);
     PVX_THEN(e, camtest_run(t, &d));
+    PVX_THEN(e, camtest_look(t, &d));
     if (e != PVX_OK) {
         camtest_free(&t);
         return cli_error(&d, e);

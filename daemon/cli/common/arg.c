@@ -80,6 +80,8 @@ int cli_arg_word(struct argp_state *st, const char *name, const char *text, cons
 #define ARG_ROW_KEY \
     0x10000 /* to 0x1ffff; letters and a command's own keys are below, argp's above */
 
+#define ARG_ALL_KEY 0x20000
+
 static bool arg_has_letter(const struct cli_row *r)
 {
     return r->name != NULL && r->name[1] == '|';
@@ -102,27 +104,52 @@ static double arg_number(struct argp_state *st, const struct cli_row *r, const c
     return (double)cli_arg_whole(st, arg_name(r), text, (int64_t)r->lo, (int64_t)r->hi);
 }
 
+static const char *arg_first; /* options that --help lists; NULL: all */
+
+bool cli_help_all(int argc, char **argv, const char *first)
+{
+    for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++)
+        if (strcmp(argv[i], "--help-all") == 0) {
+            argv[i][strlen("--help")] = '\0';
+            return true;
+        }
+    arg_first = first;
+    return false;
+}
+
+static bool arg_is_first(const char *name)
+{
+    size_t n = strlen(name);
+    for (const char *p = arg_first; p != NULL && (p = strstr(p, name)) != NULL; p += n)
+        if ((p == arg_first || p[-1] == ' ') && (p[n] == ' ' || p[n] == '\0'))
+            return true;
+    return arg_first == NULL;
+}
+
 const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_option *room)
 {
-    int group = 0, heading = 1;
+    int group = 0, heading = 1, n = 0;
     for (int i = 0; rows[i].help != NULL; i++) {
         const struct cli_row *r = &rows[i];
         bool optional = r->arg != NULL && *r->arg == '=';
         if (r->name == NULL)
             group = ++heading;
-        room[i] = (struct argp_option){
+        if (r->name == NULL && arg_first != NULL)
+            continue; /* of so few options no heading is needed */
+        room[n++] = (struct argp_option){
             .name = arg_name(r),
             .key = r->name == NULL      ? 0
                    : r->type == CLI_OWN ? (int)r->at
                    : arg_has_letter(r)  ? r->name[0]
                                         : ARG_ROW_KEY + i,
             .arg = optional ? r->arg + 1 : r->arg,
-            .flags = optional ? OPTION_ARG_OPTIONAL : 0,
+            .flags = (optional ? OPTION_ARG_OPTIONAL : 0) |
+                     (r->name == NULL || arg_is_first(arg_name(r)) ? 0 : OPTION_HIDDEN),
             .doc = r->help,
-            .group = group,
+            .group = arg_first != NULL ? 0 : group,
         };
-        room[i + 1] = (struct argp_option){0};
     }
+    room[n] = (struct argp_option){0};
     return room;
 }
 
@@ -159,9 +186,20 @@ error_t cli_row(const struct cli_row *rows, int key, const char *text, struct ar
 void cli_parse(const struct cli_row *rows, const struct argp *like, unsigned flags, int argc,
                char **argv, void *out)
 {
-    struct argp_option room[64];
+    static const struct argp_option all = {.name = "help-all",
+                                           .key = ARG_ALL_KEY,
+                                           .doc = "Give all options, and more examples",
+                                           .group = -1};
+    struct argp_option room[66];
     struct argp argp = *like;
     argp.options = cli_rows(rows, room);
+    if (arg_first != NULL) {
+        size_t n = 0;
+        while (room[n].name != NULL)
+            n++;
+        room[n] = all;
+        room[n + 1] = (struct argp_option){0};
+    }
     (void)argp_parse(&argp, argc, argv, flags, NULL, out); /* does not return from an error */
 }
 

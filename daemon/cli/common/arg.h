@@ -55,6 +55,9 @@ struct cli_row {
                  : CLI_DOUBLE)
 #define CLI_KEY(key) (key), CLI_OWN
 
+/* Whether all options are wanted: argv has --help-all, which becomes --help.  Otherwise --help lists only those of
+ * `first`, separated by spaces, and --help-all.  To be called before the rows are used. */
+bool cli_help_all(int argc, char **argv, const char *first);
 /* Make the options of argp from the rows, in `room` for as many.  The table ends with an empty row.  The rows before
  * the first heading are group 0, those below headings are 2, 3 and so on.  Group 1 is for an argp child. */
 const struct argp_option *cli_rows(const struct cli_row *rows, struct argp_option *room);

@@ -145,7 +145,8 @@ static bool add_word(cJSON *request, const struct dmn_command *k, int i, const c
         return false;
     if (strcmp(key, "name") == 0 && word[0] == '/')
         snprintf(key, sizeof key, "path");
-    double number = strcmp(key, "sets") == 0 ? strtod(word, &end) : 0;
+    double number =
+        strcmp(key, "sets") == 0 || strcmp(key, "request") == 0 ? strtod(word, &end) : 0;
     if (end != NULL && end != word && *end == '\0')
         cJSON_AddNumberToObject(request, key, number);
     else

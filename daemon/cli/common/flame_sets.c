@@ -136,7 +136,7 @@ static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in
     PVX_TRY(frames_in_open(in, a->frames, a->first, a->last, s->kinds, d));
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         cap_depth_join(&s->depth, &in->depth[c]);
-    s->mixed = in->mixed;
+    s->grey = in->grey;
     s->there = in->n;
     s->nch = in->nch;
     s->floats = s->light != NULL;
@@ -244,4 +244,24 @@ struct rec_check_source flame_sets_source(struct flame_sets *s, const char *labe
     s->bar = (struct cli_progress){.label = label};
     return (struct rec_check_source){
         .n = s->n, .get = flame_sets_get, .progress = flame_sets_progress, .ctx = s};
+}
+
+#define BELONG_SETS 8
+
+pvx_err flame_sets_belong(struct flame_sets *s, rec_unseen *u, struct rec_plausible_verdict *out)
+{
+    rec_plausible *p;
+    PVX_TRY(rec_plausible_new(&s->rig, s->params.binning, &p));
+    pvx_err e = PVX_OK;
+    for (size_t i = 0; i < s->n && i < BELONG_SETS && e == PVX_OK; i++) {
+        struct rec_check_set set;
+        e = flame_sets_get(s, i, &set);
+        if (e != PVX_OK)
+            break;
+        rec_unseen_load(u, set.picture, set.floats);
+        rec_plausible_add_unseen(p, u, set.number);
+    }
+    PVX_THEN(e, rec_plausible_judge(p, REC_PLAUSIBLE_HYPOTHESES, s->a->rig, s->a->frames, out));
+    rec_plausible_free(&p);
+    return e;
 }

@@ -16,6 +16,7 @@
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/common/frames_in.h"
 #include "recon/check/judge.h"
+#include "recon/check/plausible.h"
 
 #define FLAME_SETS_RUN 10
 
@@ -48,8 +49,9 @@ struct flame_sets {
     float *plane[REC_MAX_CAMERAS];      /* the source's, where there are three channels */
     const float *given[REC_MAX_CAMERAS];
     size_t bins[REC_MAX_CAMERAS]; /* of a picture */
-    bool floats, mixed;           /* mixed: grey pictures and pictures with colour */
-    struct cap_depth depth;       /* of the samples in words of 16 bits, all cameras */
+    bool floats;
+    uint64_t grey;          /* cameras with grey pictures where others have colour; else 0 */
+    struct cap_depth depth; /* of the samples in words of 16 bits, all cameras */
     struct cli_progress bar;
 };
 
@@ -62,5 +64,9 @@ PVX_MUST_CHECK pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d)
 void flame_sets_fini(struct flame_sets *s);
 /* A source of all the sets.  It borrows s, and shows its progress under `label` unless --quiet. */
 struct rec_check_source flame_sets_source(struct flame_sets *s, const char *label);
+/* Whether pictures and rig belong together, by the first sets, which follow each other.  u is of s->rig and s->params.
+ * Errors: those of rec_plausible_judge. */
+PVX_MUST_CHECK pvx_err flame_sets_belong(struct flame_sets *s, rec_unseen *u,
+                                         struct rec_plausible_verdict *out);
 
 #endif

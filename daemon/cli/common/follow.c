@@ -46,7 +46,8 @@ void follow_mark(struct follow *f)
 double follow_rate(const struct follow *f)
 {
     double s = (double)(pvx_now_mono() - f->mark_ns) * 1e-9;
-    return s > 0 ? (double)f->volumes / s : 0;
+    return s > 0.5 ? (double)f->volumes / s
+                   : 0; /* before that a volume or two would make thousands */
 }
 
 static void to_grid(const struct pvp_grid *w, struct rec_grid *out)

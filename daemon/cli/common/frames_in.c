@@ -659,8 +659,10 @@ static pvx_err frames_in_look(struct frames_in *f, struct pvx_diag *d)
         return bad == REC_MAX_CAMERAS ? PVX_ECANCELED
                                       : pvx_fail(d, seen[bad].e, "%s", f->why[bad].text);
     f->nch = f->kinds == FRAMES_IN_GREY || !(has[2] || has[3]) ? 1 : 3;
-    f->mixed = has[2] && (has[1] || has[3]);
-    if (f->kinds == FRAMES_IN_SAME && f->mixed)
+    f->grey = 0;
+    for (size_t c = 0; c < f->rig->n_cameras && has[2]; c++)
+        f->grey |= (uint64_t)(frames_in_kind(&seen[c]) % 2) << c; /* 1 or 3 */
+    if (f->kinds == FRAMES_IN_SAME && f->grey != 0)
         return frames_in_two_kinds(f, seen, has[1] ? 1 : 3, d);
     if (f->kinds == FRAMES_IN_SAME && has[1] && has[3])
         f->kinds = FRAMES_IN_EACH; /* all are grey */

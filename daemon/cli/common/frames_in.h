@@ -77,7 +77,7 @@ struct frames_in {
     enum frames_in_kinds kinds;
     struct cap_depth
         depth[REC_MAX_CAMERAS]; /* of the samples in words of 16 bits, as far as looked at */
-    bool mixed;                 /* grey pictures and pictures with colour */
+    uint64_t grey;              /* cameras with grey pictures where others have colour; else 0 */
     int nch;                    /* 1 or 3 */
     atomic_bool stop;
 

@@ -2,6 +2,7 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
@@ -41,6 +42,23 @@ void page_line(struct page *p, const char *fmt, ...)
     if (n > 0 && (size_t)n < sizeof p->text - p->len) {
         p->len += (size_t)n;
         p->row++;
+    }
+}
+
+void page_words(struct page *p, int label, const char *name, const char *text)
+{
+    int room = p->cols - label - 1;
+    while (*text != '\0') {
+        int n = (int)strlen(text);
+        if (n > room && room > 0)
+            for (n = room; n > 0 && text[n] != ' ';)
+                n--;
+        if (n == 0) /* one long word: page_line cuts it */
+            n = (int)strlen(text);
+        page_line(p, "%-*.*s %.*s", label, label, name, n, text);
+        name = "";
+        text += n;
+        text += *text == ' ';
     }
 }
 

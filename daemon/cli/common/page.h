@@ -17,6 +17,8 @@ void page_close(void);
 void page_begin(struct page *p);
 /* Add a line, cut at the right.  Nothing happens if the page is full. */
 void page_line(struct page *p, const char *fmt, ...) PVX_PRINTF(2, 3);
+/* Add a text after its name, which is `label` wide, in as many lines as it needs, broken between words. */
+void page_words(struct page *p, int label, const char *name, const char *text);
 void page_show(struct page *p);
 
 #endif

@@ -179,8 +179,8 @@ static int experiment_run(int argc, char **argv)
     else if (e != PVX_OK)
         rc = cli_error(&d, e);
     else if (!o.quiet)
-        fprintf(stderr, "%zu measurements in %s, %zu of them from an earlier run\n", x.state.n,
-                o.out, before);
+        fprintf(stderr, "%zu measurements, %zu of them from an earlier run: %s/report.html\n",
+                x.state.n, before, o.out);
     experiment_finish(&x);
     return rc;
 }

@@ -219,12 +219,5 @@ void experiment_findings(const struct experiment *x,
         .figure = "8, two flames", .paper = "Flames look like flames from all sides.", .holds = -1};
     SAY(&out[FINDING_FLAMES],
         "Frames %.0f and %.0f from all cameras, over 120 degrees; to look at.", two[0], two[1]);
-    out[FINDING_ROOM] =
-        (struct experiment_finding){.figure = "9, virtual room",
-                                    .paper = "A reconstructed flame lights a virtual scene.",
-                                    .holds = -1};
-    SAY(&out[FINDING_ROOM],
-        "Frame %.0f lights floor, walls and pillar, which hides it; fig9.apng goes once round it.",
-        two[0]);
     solvers(x, &out[FINDING_SOLVERS]);
 }

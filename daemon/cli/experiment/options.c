@@ -81,8 +81,9 @@ static error_t experiment_options_parse(int key, char *arg, struct argp_state *s
 }
 
 static const char doc[] =
-    "The experiments of the method's paper on your own recording, for example\n\n"
-    "  pyrovox experiment take --rig rig.yaml --out paper\n\n"
+    "The experiments of the method's paper (Ihrke and Magnor, Image-Based Tomographic "
+    "Reconstruction of Flames, 2004) on your own recording, for example\n\n"
+    "  pyrovox experiment take --rig rig.yaml --black 0.02 --out paper\n\n"
     "A volume is reconstructed without one of the cameras and compared with the picture of that "
     "camera. No true volume is needed.\v"
     "Figures 5 and 6b: the mean difference (0 to 255) between the unused view and the volume seen "
@@ -92,11 +93,12 @@ static const char doc[] =
     "The same command continues a run that was stopped (Ctrl-C), --anew begins again. At least "
     "four cameras are needed. PNG files are read as linear.\n\n"
     "More examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a recording "
-    "for them, use --black 0.02):\n"
-    "  pyrovox experiment take --rig rig.yaml --out quick \\\n"
+    "for them, with a black level of 2 %):\n"
+    "  pyrovox experiment take --rig rig.yaml --black 0.02 --out quick \\\n"
     "          --grids 24,32,48 --grid 32 --frames-max 10\n"
     "      a first result within a minute\n"
-    "  pyrovox experiment take.h5 --rig rig.yaml --out cam5 --unused cam5\n"
+    "  pyrovox experiment take.h5 --rig rig.yaml --black 0.02 --out cam5 \\\n"
+    "          --unused cam5\n"
     "      the same with another unused view\n";
 
 void experiment_parse(int argc, char **argv, struct experiment_options *o)

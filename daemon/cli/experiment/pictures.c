@@ -9,7 +9,6 @@
 #include "daemon/cli/common/silhouettes.h"
 #include "daemon/cli/experiment/experiment.h"
 #include "daemon/cli/pictures/hull_picture.h"
-#include "daemon/cli/pictures/room_film.h"
 #include "daemon/cli/pictures/strip.h"
 
 static void pictures_path_of(const struct experiment *x, const char *name, char *path, size_t size)
@@ -76,8 +75,7 @@ static pvx_err figure3(struct experiment *x, double *v, struct pvx_diag *d)
     s.deg1 = 90;
     pvx_err e = solve_hulls(x, &h, v, d);
     if (e == PVX_OK) /* the same for both */
-        e = dmn_flame_exposure(&h.with.S->grid, h.dense[0], h.with.nch, s.elevation_deg, x->pool,
-                               &s.look.exposure);
+        e = dmn_flame_exposure(&h.with.S->grid, h.dense[0], h.with.nch, x->pool, &s.look.exposure);
     pictures_path_of(x, "fig3-without.png", path, sizeof path);
     PVX_THEN(e, dmn_strip_save(&h.with.S->grid, h.dense[1], h.with.nch, &s, x->pool, path, d));
     pictures_path_of(x, "fig3.png", path, sizeof path);
@@ -208,7 +206,7 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
     return e;
 }
 
-/* ---- Figures 8 and 9 ---- */
+/* ---- Figure 8 ---- */
 
 /* Solve the frame at set[i] from all cameras, and save a strip of it. */
 static pvx_err flame(struct experiment *x, struct experiment_lab *l, size_t i, const char *name,
@@ -236,44 +234,15 @@ static pvx_err figure8(struct experiment *x, struct experiment_lab *l, double *v
     return flame(x, l, x->one, "fig8.png", d);
 }
 
-/* Draw the frame of Figure 8 in a room that it lights: from three sides, and a film around it. */
-static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pvx_diag *d)
-{
-    struct dmn_strip_params s = dmn_strip_defaults;
-    struct dmn_room_film film = dmn_room_film_defaults;
-    char path[4300];
-    float *dense = dense_of(l);
-    if (dense == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "out of memory for a volume");
-    s.room = true;
-    s.deg1 = 240;
-    s.views = 3;
-    s.width = 400;
-    s.height = 300;
-    s.elevation_deg = film.elevation_deg;
-    film.views = 24;
-    film.width = 320;
-    film.height = 240;
-    film.progress = cli_progress;
-    film.ctx = &(struct cli_progress){.quiet = true}; /* only stops the work at Ctrl-C */
-    pictures_path_of(x, "fig9.apng", path, sizeof path);
-    pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
-    pictures_path_of(x, "fig9.png", path, sizeof path);
-    PVX_THEN(e, dmn_strip_save(&l->S->grid, dense, l->nch, &s, x->pool, path, d));
-    free(dense);
-    return e;
-}
-
 /* ---- all ---- */
 
-enum { HULL, COUNTS, VIEW, FLAMES, ROOM, FIGURES };
+enum { HULL, COUNTS, VIEW, FLAMES, FIGURES };
 static const struct {
     const char *key, *file;
 } figure[FIGURES] = {{"figure:3", "fig3.png"},
                      {"figure:4", "fig4.png"},
                      {"figure:7", "fig7.png"},
-                     {"figure:8", "fig8.png"},
-                     {"figure:9", "fig9.png"}};
+                     {"figure:8", "fig8.png"}};
 
 size_t experiment_figures(void)
 {
@@ -288,17 +257,13 @@ static pvx_err pictures_draw(struct experiment *x, struct experiment_lab *l, int
     if (i == COUNTS || i == VIEW) {
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
         e = experiment_lab_solve(l, experiment_used(x));
-    } else if (i == ROOM) {
-        e = experiment_lab_load(l, &x->in, x->set[x->one], d);
-        PVX_THEN(e, experiment_lab_solve(l, experiment_used(x) | (uint64_t)1 << x->unused));
     }
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: %s", figure[i].file, pvx_strerror(e));
     e = i == HULL     ? figure3(x, v, d)
         : i == COUNTS ? figure4(x, l, v, d)
         : i == VIEW   ? figure7(x, l, v, d)
-        : i == FLAMES ? figure8(x, l, v, d)
-                      : figure9(x, l, d);
+                      : figure8(x, l, v, d);
     if (e == PVX_ECANCELED)
         return e;
     return e == PVX_OK ? experiment_finished(x, figure[i].key, v, d)

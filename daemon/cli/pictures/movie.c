@@ -12,7 +12,6 @@
 #include "capture/files/imgio.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/pictures/film.h"
-#include "recon/view/key_frames.h"
 #include "daemon/cli/pictures/strip.h"
 #include "daemon/pipeline/volume_file.h"
 #include "recon/view/render.h"
@@ -28,13 +27,10 @@ struct movie {
     char *const *vol;
     size_t n;
     pvx_pool *pool;
-    struct rec_grid box;        /* the box that a turntable frames */
-    struct rec_key_frames path; /* of RENDER_PATH */
+    struct rec_grid box; /* the box that a turntable frames */
     struct look look;
     size_t pictures, period; /* all; after `period` the viewpoints repeat, 1: there is one */
     rec_view **view;         /* [period] viewpoints that repeat; NULL: none does, or no memory */
-    rec_room *room;          /* NULL: none */
-    size_t lit;              /* the volume that lights it, as `loaded` */
     struct rec_camera at;    /* where the picture is taken from */
     float *image;            /* [height][width][3] */
     struct film *film;       /* NULL: files in a folder */
@@ -51,7 +47,7 @@ static pvx_err movie_load(struct movie *m, size_t i, struct pvx_diag *d)
     if (m->loaded == i)
         return PVX_OK;
     PVX_FREE(m->dense);
-    m->loaded = m->lit = SIZE_MAX;
+    m->loaded = SIZE_MAX;
     m->grid = m->rig->grid;
     PVX_TRY(dmn_volume_load(m->vol[i], &m->grid, &m->nch, &m->dense, d));
     m->loaded = i;
@@ -90,10 +86,8 @@ static void movie_widen(struct rec_grid *box, const struct rec_grid *by)
 /* The automatic exposure of the loaded volume.  0 = dark. */
 static pvx_err exposure_of(struct movie *m, double *out)
 {
-    if (m->o->room)
-        return dmn_room_exposure(&m->grid, m->dense, m->nch, m->pool, out);
     if (turntable(m))
-        return dmn_flame_exposure(&m->grid, m->dense, m->nch, m->o->elevation_deg, m->pool, out);
+        return dmn_flame_exposure(&m->grid, m->dense, m->nch, m->pool, out);
     struct rec_camera c = m->at;
     double k = fmin(1, (double)SMALL / c.width);
     c.width = (int32_t)fmax(1, c.width * k);
@@ -114,12 +108,12 @@ static pvx_err exposure_of(struct movie *m, double *out)
 }
 
 /* Look at a few volumes spread over all, for values that must not change from picture to picture: the box that a
- * turntable frames or a room is made for, and the exposure of the brightest volume. */
+ * turntable frames, and the exposure of the brightest volume. */
 static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
 {
     bool expose = m->o->format != RENDER_NPY && m->look.exposure == 0;
     size_t k = m->n < SAMPLES ? m->n : SAMPLES;
-    bool boxed = turntable(m) || m->o->room;
+    bool boxed = turntable(m);
     for (size_t i = 0; i < k && (expose || boxed) && !cli_stop; i++) {
         PVX_TRY(movie_load(m, k > 1 ? i * (m->n - 1) / (k - 1) : 0, d));
         struct rec_grid box = dmn_lit_box(&m->grid, m->dense, m->nch);
@@ -132,7 +126,7 @@ static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
         if (f > 0 && (m->look.exposure == 0 || f < m->look.exposure))
             m->look.exposure = f;
     }
-    if (expose && !m->o->room)
+    if (expose)
         m->look.exposure *= look_headroom(&m->look);
     if (!(m->look.exposure > 0))
         m->look.exposure = 1;
@@ -140,36 +134,13 @@ static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
 }
 
 /* The camera of picture i. */
-static pvx_err movie_place(struct movie *m, size_t i, struct pvx_diag *d)
+static void movie_place(struct movie *m, size_t i)
 {
     const struct render_options *o = m->o;
-    if (o->from == RENDER_PATH)
-        return rec_key_frames_camera(&m->path, i, o->fps, o->width, o->height, &m->at, d);
-    if (!turntable(m))
-        return PVX_OK;
     double turn = (double)(i % m->period) / (double)m->period;
-    double angle = (o->deg0 + 360 * turn) * pi / 180, elevation = o->elevation_deg * pi / 180;
-    if (m->room != NULL)
-        rec_room_camera(m->room, angle, elevation, o->width, o->height, &m->at);
-    else
-        rec_orbit_camera(&m->box, angle, elevation, o->width, o->height, &m->at);
-    return PVX_OK;
-}
-
-/* Read the key frames and try the camera of each picture, so that an error shows before anything is drawn. */
-static pvx_err read_path(struct movie *m, struct pvx_diag *d)
-{
-    const struct render_options *o = m->o;
-    struct rec_key_frame base = {.fov_deg = o->fov_deg};
-    for (int a = 0; a < 3; a++) {
-        base.up[a] = o->up[a];
-        base.look_at[a] = o->target_given ? o->target[a] : (m->grid.min[a] + m->grid.max[a]) / 2;
-    }
-    PVX_TRY(rec_key_frames_load(o->path, &base, m->rig, &m->path, d));
-    m->pictures = m->period = rec_key_frames_pictures(&m->path, o->fps);
-    for (size_t i = m->pictures; i-- > 0;)
-        PVX_TRY(movie_place(m, i, d));
-    return PVX_OK;
+    if (turntable(m))
+        rec_orbit_camera(&m->box, (o->deg0 + 360 * turn) * pi / 180, DMN_ELEVATION_DEG * pi / 180,
+                         o->width, o->height, &m->at);
 }
 
 /* Set the number of pictures, and the number after which viewpoints repeat. */
@@ -194,30 +165,17 @@ static pvx_err movie_set_up(struct movie *m, struct pvx_diag *d)
         m->at = *m->camera;
     else if (o->from == RENDER_EYE)
         PVX_TRY(render_eye(o, &m->grid, &m->at, d));
-    else if (o->from == RENDER_PATH)
-        PVX_TRY(read_path(m, d));
     PVX_TRY(look_ahead(m, d));
-    if (o->room)
-        PVX_TRY(rec_room_new(m->box.min, m->box.max, m->pool, &m->room));
-    PVX_TRY(movie_place(m, 0, d));
+    movie_place(m, 0);
     if (o->film)
         PVX_TRY(film_new(o->out, o->fps, &m->look, &m->film, d));
     m->image = pvx_calloc((size_t)m->at.width * (size_t)m->at.height * 3, sizeof *m->image);
     if (m->image == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a picture", o->out);
-    if (o->anew || o->room || m->pictures <= m->period)
+    if (o->anew || m->pictures <= m->period)
         return PVX_OK;
     m->view = pvx_calloc(m->period, sizeof(rec_view *));
     return m->view != NULL ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "%s: no memory for views", o->out);
-}
-
-/* Draw the room in the light of the loaded volume. */
-static pvx_err draw_room(struct movie *m)
-{
-    if (m->lit != m->loaded)
-        PVX_TRY(rec_room_light(m->room, &m->grid, m->dense, m->nch));
-    m->lit = m->loaded;
-    return rec_room_render(m->room, &m->at, m->o->sub, m->image);
 }
 
 static void free_views(struct movie *m)
@@ -254,12 +212,10 @@ static pvx_err draw_picture(struct movie *m, size_t i)
         free_views(m);
     }
     int64_t t0 = pvx_now_mono();
-    pvx_err e = m->room != NULL
-                    ? draw_room(m)
-                    : rec_render(&m->grid, m->dense, m->nch,
-                                 &(struct rec_eye){
-                                     .camera = &m->at, .bodies = &m->rig->bodies, .sub = m->o->sub},
-                                 m->pool, m->image);
+    pvx_err e =
+        rec_render(&m->grid, m->dense, m->nch,
+                   &(struct rec_eye){.camera = &m->at, .bodies = &m->rig->bodies, .sub = m->o->sub},
+                   m->pool, m->image);
     m->anew_ns += pvx_now_mono() - t0;
     m->anew++;
     return e;
@@ -268,7 +224,7 @@ static pvx_err draw_picture(struct movie *m, size_t i)
 /* "out/000012" of volume "dir/000012.npy", or of the i-th view. */
 static void movie_name_of(const struct movie *m, size_t i, char *out, size_t size)
 {
-    if (m->o->from == RENDER_ORBIT || m->o->from == RENDER_PATH) {
+    if (m->o->from == RENDER_ORBIT) {
         snprintf(out, size, "%s/%06zu", m->o->out, i);
         return;
     }
@@ -300,7 +256,7 @@ static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
         if (cli_stop)
             return PVX_ECANCELED;
         PVX_TRY(movie_load(m, i % m->n, d));
-        PVX_TRY(movie_place(m, i, d));
+        movie_place(m, i);
         pvx_err e = draw_picture(m, i);
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", m->vol[i % m->n], pvx_strerror(e));
@@ -344,14 +300,8 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
                      const struct rec_camera *camera, char *const *vol, size_t n, pvx_pool *pool,
                      struct pvx_diag *d)
 {
-    struct movie m = {.o = o,
-                      .rig = rig,
-                      .camera = camera,
-                      .vol = vol,
-                      .n = n,
-                      .pool = pool,
-                      .loaded = SIZE_MAX,
-                      .lit = SIZE_MAX};
+    struct movie m = {
+        .o = o, .rig = rig, .camera = camera, .vol = vol, .n = n, .pool = pool, .loaded = SIZE_MAX};
     pvx_err e = o->film ? PVX_OK : pvx_mkdirs(o->out, d);
     PVX_THEN(e, movie_set_up(&m, d));
     PVX_THEN(e, draw_all(&m, d));
@@ -363,8 +313,6 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
         say_how_fast(&m);
     film_drop(&m.film);
     free_views(&m);
-    rec_key_frames_fini(&m.path);
-    rec_room_free(&m.room);
     free(m.dense);
     free(m.image);
     return e;

@@ -16,7 +16,6 @@
 #include "daemon/pipeline/volume_file.h"
 #include "daemon/volumes/folder.h"
 #include "recon/view/render.h"
-#include "recon/view/room.h"
 
 /* Paths of the volumes to show, in order. */
 struct sources {
@@ -136,15 +135,9 @@ static pvx_err render_one(const struct render_options *o, const struct rec_eye *
     float *image = pvx_calloc(n, sizeof *image);
     if (image == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", o->out);
-    rec_room *room = NULL;
-    pvx_err e = o->room ? dmn_room_of(g, dense, nch, pool, &room) : PVX_OK;
-    PVX_THEN(e, room != NULL ? rec_room_render(room, c, o->sub, image)
-                             : rec_render(g, dense, nch, eye, pool, image));
-    rec_room_free(&room);
+    pvx_err e = rec_render(g, dense, nch, eye, pool, image);
     struct look look = o->look;
     bool png = pvx_path_ends(o->out, ".png");
-    if (e == PVX_OK && png && look.exposure == 0 && o->room)
-        e = dmn_room_exposure(g, dense, nch, pool, &look.exposure);
     if (e == PVX_OK && png && look.exposure == 0) {
         e = dmn_auto_exposure(image, n, &look.exposure);
         look.exposure *= look_headroom(&look);
@@ -183,10 +176,8 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
                                      .views = o->from == RENDER_STRIP ? o->views : 1,
                                      .width = o->width,
                                      .height = o->height,
-                                     .elevation_deg = o->elevation_deg,
                                      .sub = o->sub,
                                      .look = o->look,
-                                     .room = o->room,
                                      .bodies = &rig->bodies};
         e = dmn_strip_save(&g, dense, nch, &p, pool, o->out, d);
     }
@@ -200,7 +191,14 @@ static pvx_err pictures_render(const struct render_options *o, const struct rec_
     const struct rec_camera *camera;
     PVX_TRY(render_find_camera(o, rig, &camera, d));
     bool file = pvx_path_ends(o->out, ".png") || pvx_path_ends(o->out, ".npy");
-    bool many = s->n != 1 || o->from == RENDER_ORBIT || o->from == RENDER_PATH;
+    static const char *const others[] = {".gif", ".avi", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (pvx_path_ends(o->out, others[i]) && !is_folder(o->out))
+            return pvx_fail(d, PVX_EINVAL,
+                            "%s: a picture is a .png, a film an .apng, .mp4, .mov, .mkv or .webm; "
+                            "other programs make %s of them",
+                            o->out, others[i]);
+    bool many = s->n != 1 || o->from == RENDER_ORBIT;
     if (o->from == RENDER_STRIP && s->n > 1)
         return pvx_fail(d, PVX_EINVAL,
                         "--strip shows one volume, %s has %zu; --orbit N steps through them",

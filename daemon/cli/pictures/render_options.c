@@ -16,11 +16,9 @@ enum {
     OPT_ANGLE,
     OPT_STRIP,
     OPT_ORBIT,
-    OPT_PATH,
     OPT_SIZE,
     OPT_DEPTH,
-    OPT_EXPOSURE,
-    OPT_VIDEO
+    OPT_EXPOSURE
 };
 
 #define AT(field) CLI_AT(struct render_options, field)
@@ -37,31 +35,26 @@ static const struct cli_row rows[] = {
     {"orbit", "N", CLI_KEY(OPT_ORBIT), 0, 0,
      "animation: the turntable turns, N views to a turn. With several volumes picture i shows "
      "volume i; after the last volume the first comes again, until the turn is complete"},
-    {"path", "FILE", CLI_KEY(OPT_PATH), 0, 0,
-     "animation: along key frames (below), --fps pictures a second"},
     {.help = "More about the viewpoint:"},
     {"rig", "FILE", AT(rig), 0, 0,
      "rig.yaml with the camera, the box of a .npy without .json, and bodies, which hide what is "
      "behind them"},
     {"look-at", "X,Y,Z", CLI_KEY(OPT_LOOK_AT), 0, 0,
-     "the point that --eye and --path look at (default: the middle of the volume)"},
-    {"up", "X,Y,Z", CLI_KEY(OPT_UP), 0, 0, "the direction that is up for them (default: 0,0,1)"},
+     "the point that --eye looks at (default: the middle of the volume)"},
+    {"up", "X,Y,Z", CLI_KEY(OPT_UP), 0, 0, "the direction that is up for --eye (default: 0,0,1)"},
     {"fov", "DEG", AT(fov_deg), 0.01, 175,
-     "their angle from the top of the image to its bottom (default 40)"},
+     "the angle of --eye from the top of the image to its bottom (default 40)"},
     {"rounds", "N", AT(rounds), 1, 100000,
      "number of turns of --orbit (default: until every volume was shown). The rays of each view "
      "are kept for the next turn"},
     {"size", "WxH", CLI_KEY(OPT_SIZE), 0, 0,
-     "pixels of a view (default: 640x480 for --eye, --path and --room, 240x320 for the turntable, "
+     "pixels of a view (default: 640x480 for --eye, 240x320 for the turntable, "
      "its own size for a camera)"},
-    {"room", NULL, AT(room), 0, 0,
-     "put the flame into a virtual room. It lights floor, walls, a pillar on the side of +x and a "
-     "block, which throw shadows and hide parts of the flame"},
     {.help = "Pictures:"},
     {"sub", "N", AT(sub), 1, REC_RENDER_SUB_MAX, "N x N rays per pixel (default 2)"},
     {"exposure", "F|auto", CLI_KEY(OPT_EXPOSURE), 0, 0,
      "factor on the values, one for all pictures. auto (default): the brightest frame fills the "
-     "range; with a tone curve 4 times, in a room 5 times as much. Default with --camera: 1, as "
+     "range; with a tone curve 4 times as much. Default with --camera: 1, as "
      "recorded"},
     {"tone", "clip|reinhard|filmic", AT(look.tone), 0, 0,
      "pixels that are too bright are cut off (clip, default), compressed with their colour "
@@ -70,9 +63,7 @@ static const struct cli_row rows[] = {
      "display gamma (default 2.2; with --camera 1, as recorded)"},
     {"depth", "8|16", CLI_KEY(OPT_DEPTH), 0, 0, "bits of a sample of a .png (default 8)"},
     {"format", "png|npy|both", AT(format), 0, 0, "files of an animation in a folder (default png)"},
-    {"video", "FILE", CLI_KEY(OPT_VIDEO), 0, 0,
-     "write an animation into this .mp4, .mov, .mkv or .webm with ffmpeg, in place of OUT"},
-    {"fps", "N", AT(fps), 1, 100, "pictures a second of an .apng, a video and --path (default 15)"},
+    {"fps", "N", AT(fps), 1, 100, "pictures a second of an .apng and a video (default 15)"},
     {"anew", NULL, AT(anew), 0, 0,
      "trace the rays of every picture anew instead of keeping those of a viewpoint: this needs "
      "less memory and takes longer"},
@@ -108,7 +99,7 @@ static void seen_from(struct argp_state *state, enum render_from from)
 {
     struct render_options *o = state->input;
     if (o->from != RENDER_NOTHING)
-        argp_error(state, "only one of --camera, --eye, --angle, --strip, --orbit and --path can "
+        argp_error(state, "only one of --camera, --eye, --angle, --strip and --orbit can "
                           "be the viewpoint");
     o->from = from;
 }
@@ -143,7 +134,7 @@ static void render_options_check(struct argp_state *state)
     if (o->from == RENDER_NOTHING)
         argp_error(state,
                    "needs a viewpoint: one of --camera NAME, --eye X,Y,Z, --angle DEG, --strip "
-                   "A0,A1,N, --orbit N and --path FILE");
+                   "A0,A1,N and --orbit N");
     if (o->from == RENDER_CAMERA && o->rig == NULL)
         argp_error(state, "--camera needs --rig FILE, which has the camera");
     if (o->from == RENDER_CAMERA && o->width != 0)
@@ -194,21 +185,11 @@ static error_t render_options_parse(int key, char *arg, struct argp_state *state
     case OPT_DEPTH:
         o->look.depth = cli_arg_word(state, "depth", arg, "8|16") == 0 ? 8 : 16;
         return 0;
-    case OPT_VIDEO:
-        o->out = arg;
-        if (film_kind(arg) != FILM_VIDEO)
-            argp_error(state, "--video %s: a video is a .mp4, .mov, .mkv or .webm", arg);
-        return 0;
-    case OPT_PATH:
-        seen_from(state, RENDER_PATH);
-        o->path = arg;
-        return 0;
     case ARGP_KEY_ARGS: /* all words after the options: sources, then the output */
         o->source = state->argv + state->next;
         o->n_sources = state->argc - state->next;
-        if (o->out == NULL)
-            o->out = o->source[--o->n_sources];
-        o->film = film_kind(o->out) != FILM_NONE;
+        o->out = o->source[--o->n_sources];
+        o->film = film_named(o->out);
         state->next = state->argc;
         return 0;
     case ARGP_KEY_END: render_options_check(state); return 0;
@@ -220,8 +201,7 @@ void render_parse(int argc, char **argv, struct render_options *o)
 {
     const struct argp parser = {
         .parser = render_options_parse,
-        .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR|OUT.(apng|mp4)\n"
-                    "--video FILE VOLDIR|VOL.npy...",
+        .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR|OUT.(apng|mp4|mov|mkv|webm)",
         .doc = "Render views of reconstructed volumes by forward projection, for example\n\n"
                "  pyrovox render --orbit 120 vol movie"
                "\vBox and basis come from the .json beside each .npy, or else from the rig. A .npy "
@@ -230,13 +210,6 @@ void render_parse(int argc, char **argv, struct render_options *o)
                "images. --exposure, --tone and --gamma change only .png pictures and films. The "
                "rays of "
                "a viewpoint that returns are kept: each further picture is one matrix product.\n\n"
-               "Key frames of --path, in YAML (a key may also have up, as --up). The camera moves "
-               "smoothly between them:\n"
-               "  version: 1\n"
-               "  keys:\n"
-               "    - { t: 0, eye: [2, -1, 0.8] }                     # seconds, metres\n"
-               "    - { t: 3, eye: [0, -2, 1.5], look_at: [0, 0, 0.4], fov: 25 }\n"
-               "    - { t: 5, camera: cam3 }                          # a camera of --rig\n\n"
                "More examples:\n"
                "  pyrovox render --rig rig.yaml --camera cam7 vol/000000.npy cam7.npy\n"
                "      the picture that cam7 should have taken, for comparison\n"
@@ -244,11 +217,9 @@ void render_parse(int argc, char **argv, struct render_options *o)
                "      five sides of one volume in one picture\n"
                "  pyrovox render --eye 2,-1,0.8 --size 480x640 vol movie\n"
                "      all volumes of a folder from one place: movie/000000.png ...\n"
-               "  pyrovox render --room --angle 0 vol/000000.npy room.png\n"
-               "      the flame lights a room, half hidden by a pillar\n"
-               "  pyrovox render --room --orbit 120 vol/000000.npy room.apng\n"
-               "      once round the room, in one file that browsers play\n"
-               "  pyrovox render --orbit 120 --tone filmic --fps 30 vol --video flame.mp4\n"
+               "  pyrovox render --orbit 120 vol/000000.npy turn.apng\n"
+               "      once round the flame, in one file that browsers play\n"
+               "  pyrovox render --orbit 120 --tone filmic --fps 30 vol flame.mp4\n"
                "      a video in which bright parts of the flame keep their detail\n"};
     *o = (struct render_options){.up = {0, 0, 1},
                                  .fov_deg = 40,
@@ -256,15 +227,13 @@ void render_parse(int argc, char **argv, struct render_options *o)
                                  .fps = 15,
                                  .look = {.exposure = -1, .gamma = -1, .depth = 8}};
     cli_parse(rows, &parser, 0, argc, argv, o);
-    bool recorded = o->from == RENDER_CAMERA && !o->room;
-    o->elevation_deg = o->room ? 20 : 5;
+    bool recorded = o->from == RENDER_CAMERA;
     if (o->look.gamma < 0)
         o->look.gamma = recorded ? 1 : 2.2;
     if (o->look.exposure < 0)
         o->look.exposure = recorded ? 1 : 0;
     if (o->width == 0) {
-        bool wide = o->from == RENDER_EYE || o->from == RENDER_PATH || o->room;
-        o->width = wide ? 640 : 240;
-        o->height = wide ? 480 : 320;
+        o->width = o->from == RENDER_EYE ? 640 : 240;
+        o->height = o->from == RENDER_EYE ? 480 : 320;
     }
 }

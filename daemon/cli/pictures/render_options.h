@@ -11,8 +11,7 @@ enum render_from {
     RENDER_EYE,
     RENDER_ANGLE,
     RENDER_STRIP,
-    RENDER_ORBIT,
-    RENDER_PATH
+    RENDER_ORBIT
 };
 
 struct render_options {
@@ -24,9 +23,6 @@ struct render_options {
     double deg0, deg1;                        /* RENDER_ANGLE, RENDER_STRIP */
     int views;                                /* RENDER_STRIP, RENDER_ORBIT */
     int rounds;                               /* RENDER_ORBIT; 0: until every volume was shown */
-    const char *path;                         /* RENDER_PATH: key frames */
-    double elevation_deg;                     /* turntable */
-    bool room;                                /* the flame lights a room, which hides parts of it */
     int32_t width, height;                    /* 0 = not given */
     int sub;                                  /* rays per pixel side */
     int fps;                                  /* of a film */

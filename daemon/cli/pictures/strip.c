@@ -16,7 +16,6 @@ const struct dmn_strip_params dmn_strip_defaults = {.deg0 = 0,
                                                     .views = 5,
                                                     .width = 240,
                                                     .height = 320,
-                                                    .elevation_deg = 5,
                                                     .sub = 2,
                                                     .look = {.gamma = 2.2, .depth = 8}};
 
@@ -74,8 +73,8 @@ pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out)
     return PVX_OK;
 }
 
-pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch,
-                           double elevation_deg, pvx_pool *pool, double *out)
+pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
+                           double *out)
 {
     enum { SMALL = 160 /* px across */ };
     struct rec_grid box = dmn_lit_box(g, dense, nch);
@@ -86,31 +85,12 @@ pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch
     for (int side = 0; side < 2 && e == PVX_OK; side++) {
         struct rec_camera c;
         double f = 0;
-        rec_orbit_camera(&box, side * pi / 2, elevation_deg * pi / 180, SMALL, SMALL, &c);
+        rec_orbit_camera(&box, side * pi / 2, DMN_ELEVATION_DEG * pi / 180, SMALL, SMALL, &c);
         e = rec_render(g, dense, nch, &(struct rec_eye){.camera = &c, .sub = 1}, pool, pix);
         PVX_THEN(e, dmn_auto_exposure(pix, n, &f));
         *out = f > 0 && (*out == 0 || f < *out) ? f : *out;
     }
     free(pix);
-    return e;
-}
-
-pvx_err dmn_room_exposure(const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
-                          double *out)
-{
-    pvx_err e = dmn_flame_exposure(g, dense, nch, 0, pool, out);
-    *out *= 5;
-    return e;
-}
-
-pvx_err dmn_room_of(const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
-                    rec_room **out)
-{
-    struct rec_grid box = dmn_lit_box(g, dense, nch);
-    PVX_TRY(rec_room_new(box.min, box.max, pool, out));
-    pvx_err e = rec_room_light(*out, g, dense, nch);
-    if (e != PVX_OK)
-        rec_room_free(out);
     return e;
 }
 
@@ -121,7 +101,6 @@ struct strip {
     const struct dmn_strip_params *p;
     pvx_pool *pool;
     struct rec_grid box; /* around the lit voxels */
-    rec_room *room;      /* NULL: none */
 };
 
 /* Draw view v of the turntable. */
@@ -130,28 +109,11 @@ static pvx_err strip_draw_view(const struct strip *s, int v, float *view)
     const struct dmn_strip_params *p = s->p;
     double share = p->views > 1 ? (double)v / (p->views - 1) : 0;
     double angle = (p->deg0 + (p->deg1 - p->deg0) * share) * pi / 180;
-    double elevation = p->elevation_deg * pi / 180;
     struct rec_camera c;
-    if (s->room != NULL) {
-        rec_room_camera(s->room, angle, elevation, p->width, p->height, &c);
-        return rec_room_render(s->room, &c, p->sub, view);
-    }
-    rec_orbit_camera(&s->box, angle, elevation, p->width, p->height, &c);
+    rec_orbit_camera(&s->box, angle, DMN_ELEVATION_DEG * pi / 180, p->width, p->height, &c);
     return rec_render(s->g, s->dense, s->nch,
                       &(struct rec_eye){.camera = &c, .bodies = p->bodies, .sub = p->sub}, s->pool,
                       view);
-}
-
-/* Set the exposure of a strip of n values. */
-static pvx_err strip_expose(const struct strip *s, const float *strip, size_t n, struct look *look)
-{
-    if (look->exposure > 0)
-        return PVX_OK;
-    if (s->p->room)
-        return dmn_room_exposure(s->g, s->dense, s->nch, s->pool, &look->exposure);
-    PVX_TRY(dmn_auto_exposure(strip, n, &look->exposure));
-    look->exposure *= look_headroom(look);
-    return PVX_OK;
 }
 
 pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
@@ -166,9 +128,7 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     float *view = pvx_calloc(row * (size_t)p->height, sizeof *view);
     float *strip = pvx_calloc(n, sizeof *strip);
     pvx_err e = view != NULL && strip != NULL ? PVX_OK : PVX_ENOMEM;
-    struct strip s = {g, dense, nch, p, pool, dmn_lit_box(g, dense, nch), NULL};
-    if (e == PVX_OK && p->room)
-        e = dmn_room_of(g, dense, nch, pool, &s.room);
+    struct strip s = {g, dense, nch, p, pool, dmn_lit_box(g, dense, nch)};
     for (int v = 0; v < p->views && e == PVX_OK; v++) {
         e = strip_draw_view(&s, v, view);
         for (int32_t y = 0; y < p->height && e == PVX_OK; y++)
@@ -177,14 +137,15 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     }
     struct look look = p->look;
     bool png = pvx_path_ends(path, ".png");
-    if (e == PVX_OK && png)
-        e = strip_expose(&s, strip, n, &look);
+    if (e == PVX_OK && png && !(look.exposure > 0)) {
+        e = dmn_auto_exposure(strip, n, &look.exposure);
+        look.exposure *= look_headroom(&look);
+    }
     if (e != PVX_OK)
         pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     else
         e = png ? look_save(&look, path, strip, p->width * p->views, p->height, nch, d)
                 : cap_image_save(path, strip, p->width * p->views, p->height, nch, d);
-    rec_room_free(&s.room);
     free(view);
     free(strip);
     return e;

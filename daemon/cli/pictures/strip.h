@@ -7,17 +7,16 @@
 #include "daemon/cli/pictures/look.h"
 #include "recon/geom/body.h"
 #include "recon/geom/grid.h"
-#include "recon/view/room.h"
+
+enum { DMN_ELEVATION_DEG = 5 }; /* of the turntable's camera */
 
 struct dmn_strip_params {
     double deg0, deg1;     /* first and last turntable angle */
     int views;             /* 1..64 */
     int32_t width, height; /* px of one view */
-    double elevation_deg;
-    int sub;          /* rays per pixel side */
-    struct look look; /* of a .png; automatic: the 99.8th percentile of the lit pixels is 1 */
-    bool room;        /* show it in the virtual room that it lights (recon/view/room.h) */
-    const struct rec_bodies *bodies; /* that hide parts of it, without room; NULL: none */
+    int sub;               /* rays per pixel side */
+    struct look look;      /* of a .png; automatic: the 99.8th percentile of the lit pixels is 1 */
+    const struct rec_bodies *bodies; /* that hide parts of it; NULL: none */
 };
 extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
 
@@ -36,15 +35,6 @@ PVX_MUST_CHECK pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out
 
 /* The exposure of the lit box, seen from two sides of the turntable: the lesser of the two.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch,
-                                          double elevation_deg, pvx_pool *pool, double *out);
-
-/* Make a room for the lit box, lit by the volume.  The volume is borrowed (rec_room_light).  Errors: its own. */
-PVX_MUST_CHECK pvx_err dmn_room_of(const struct rec_grid *g, const float *dense, int nch,
-                                   pvx_pool *pool, rec_room **out);
-
-/* Exposure of a picture of the room: 5 x that of the flame alone, so that the room is visible too.  At the distance
- * of a flame's height, surfaces are a hundredth as bright as the core of the flame, which is overexposed. */
-PVX_MUST_CHECK pvx_err dmn_room_exposure(const struct rec_grid *g, const float *dense, int nch,
-                                         pvx_pool *pool, double *out);
+                                          pvx_pool *pool, double *out);
 
 #endif

@@ -161,7 +161,7 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
     rec_sysmat *outline;
     *out = NULL;
     PVX_TRY(rec_sysmat_resolve(rig, &o->rig.matrix, &r, d));
-    double whole = reconstruct_whole(rig, &r);
+    double whole = rec_sysmat_whole(rig, &r);
     double room = o->memory >= 0 ? o->memory : reconstruct_room();
     if (whole <= room)
         return rec_sysmat_open(rig, &o->rig.matrix, o->cache, pool, progress, out, d);

@@ -84,31 +84,6 @@ static void say_corrected(const struct reconstruct_hints *h, const struct rec_ri
           stderr);
 }
 
-/* Numbers in another order, or of another picture, are the likeliest cause where no camera sees the others' flame. */
-static bool odd_lens(const struct rec_camera *c)
-{
-    double u = (c->cx + 0.5) / c->width, v = (c->cy + 0.5) / c->height, wide = c->fx / c->fy;
-    return fabs(u - 0.5) > 0.4 || fabs(v - 0.5) > 0.4 || wide > 1.5 || wide < 1 / 1.5;
-}
-
-static void say_empty(const struct reconstruct_hints *h, const struct rec_rig *rig)
-{
-    size_t c = 0;
-    fprintf(stderr,
-            "pyrovox: no volume of %u has any light: are the pictures so dark? "
-            "--threshold, --black and --background decide what counts as flame\n",
-            h->volumes);
-    while (c < rig->n_cameras && !odd_lens(&rig->cameras[c]))
-        c++;
-    if (c < rig->n_cameras)
-        fprintf(
-            stderr,
-            "pyrovox: camera %s has K: [%g, %g, %g, %g] for pictures of %d x %d pixels: K is fx, "
-            "fy, cx, cy in pixels, and cx, cy is near the middle of the picture\n",
-            rig->cameras[c].name, rig->cameras[c].fx, rig->cameras[c].fy, rig->cameras[c].cx,
-            rig->cameras[c].cy, rig->cameras[c].width, rig->cameras[c].height);
-}
-
 void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o,
                            const struct rec_rig *rig)
 {
@@ -120,7 +95,10 @@ void reconstruct_hints_say(const struct reconstruct_hints *h, const struct recon
                 "deadline; allow more than --deadline %g, or reduce the work (--grid, --binning)\n",
                 h->dark, h->volumes, o->deadline_ms);
     else if (h->empty == h->volumes)
-        say_empty(h, rig);
+        fprintf(stderr,
+                "pyrovox: no volume of %u has any light: are the pictures so dark? "
+                "--threshold, --black and --background decide what counts as flame\n",
+                h->volumes);
     if (h->corrected > 0)
         say_corrected(h, rig);
     if (h->cut > 0)

@@ -1,15 +1,19 @@
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "base/clock.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/common/opt_rig.h"
+#include "recon/matrix/cache.h"
 
 struct options {
     struct opt_rig rig;
     const char *out, *check;
+    bool list;
 };
 
 static const struct cli_row rows[] = {
@@ -18,6 +22,8 @@ static const struct cli_row rows[] = {
      "write the matrix to FILE instead of the cache; a FILE that already fits is used as it is"},
     {"check", "FILE", CLI_AT(struct options, check), 0, 0,
      "verify a matrix file: sizes, checksums, every index"},
+    {"list", NULL, CLI_AT(struct options, list), 0, 0,
+     "list the matrices in the cache, the one used last at the end"},
     {0},
 };
 
@@ -39,7 +45,8 @@ static const char doc[] =
     "The matrix contains how much every voxel adds to every pixel. It depends on the rig alone, so "
     "it is built once and cached. This command shows its size and the time to build it.\v"
     "The cache is $PYROVOX_CACHE, or else $XDG_CACHE_HOME/pyrovox, or else ~/.cache/pyrovox. All "
-    "other commands find the matrix there.\n\n"
+    "other commands find the matrix there. If it grows beyond $PYROVOX_CACHE_MAX GB (default 5), "
+    "the matrices that were not used for longest are removed.\n\n"
     "Examples:\n"
     "  pyrovox matrix --rig rig.yaml --grid 128 --basis trilinear --binning 2\n"
     "  pyrovox matrix --rig rig.yaml --cameras cam0,cam3 --out two.pvxm\n"
@@ -118,6 +125,38 @@ static int matrix_check(const char *path, pvx_pool *pool)
     return 0;
 }
 
+static int matrix_list(pvx_pool *pool)
+{
+    struct rec_cached *file;
+    size_t n;
+    double all = 0;
+    pvx_err e = rec_cache_list(&file, &n);
+    if (e != PVX_OK)
+        return cli_error(NULL, e);
+    for (size_t i = 0; i < n; i++) {
+        char when[32] = "";
+        struct pvx_diag d = {""};
+        struct tm tm;
+        rec_sysmat *m;
+        time_t used = (time_t)(file[i].used_ns / PVX_NS_PER_S);
+        strftime(when, sizeof when, "%Y-%m-%d %H:%M", localtime_r(&used, &tm));
+        printf("%s  %9.1f MB  %s", when, (double)file[i].bytes * 1e-6, file[i].path);
+        if ((e = rec_sysmat_load(file[i].path, 0, false, pool, &m, &d)) == PVX_OK) {
+            printf("  %zu cameras, %d x %d x %d voxels, %s, binning %d\n", m->n_cameras,
+                   m->grid.n[0], m->grid.n[1], m->grid.n[2], rec_basis_name(m->grid.basis),
+                   m->binning);
+            rec_sysmat_free(&m);
+        } else {
+            printf("  %s\n", pvx_strerror(e));
+        }
+        all += (double)file[i].bytes;
+    }
+    printf("%zu matrices, %.2f GB; at most %g GB are kept (PYROVOX_CACHE_MAX)\n", n, all * 1e-9,
+           rec_cache_max() * 1e-9);
+    free(file);
+    return 0;
+}
+
 /* Check beforehand that the folder of --out is writable. */
 static pvx_err check_writable(const char *out, struct pvx_diag *d)
 {
@@ -189,6 +228,8 @@ static int run_with(const struct options *o, pvx_pool *pool)
     struct rec_rig rig;
     if (o->check != NULL)
         return matrix_check(o->check, pool);
+    if (o->list)
+        return matrix_list(pool);
     pvx_err e = opt_rig_load(&o->rig, &rig, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);

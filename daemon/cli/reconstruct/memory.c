@@ -18,27 +18,6 @@ static size_t memory_bins_of(const struct rec_rig *rig, int32_t binning)
     return n;
 }
 
-double reconstruct_whole(const struct rec_rig *rig, const struct rec_sysmat_params *p)
-{
-    const struct rec_grid *g = &rig->grid;
-    double at_most = 0, slots = (double)((rig->n_cameras + 3) / 4 * 4);
-    for (size_t c = 0; c < rig->n_cameras; c++) { /* largest side of a voxel in bins */
-        const struct rec_camera *k = &rig->cameras[c];
-        double x[3], d2 = 0, h = 0;
-        rec_camera_centre(k, x);
-        for (int a = 0; a < 3; a++) {
-            double d = x[a] - 0.5 * (g->min[a] + g->max[a]);
-            d2 += d * d;
-            h = fmax(h, rec_grid_h(g, a));
-        }
-        at_most = fmax(at_most, d2 > 0 ? fmax(k->fx, k->fy) * h / sqrt(d2) / p->binning : 0);
-    }
-    double side = g->basis == REC_TRILINEAR ? 2 * at_most + 1 : at_most + 1;
-    double entries = fmax(0.55 * side * side, 1), more = entries > 12 ? 28 * entries / 6 : 0;
-    double voxels = (double)rec_grid_count(g) * 8 / 7, cameras = (double)rig->n_cameras;
-    return voxels * (cameras * (5 * entries + sizeof(struct rec_rect) + more) + slots * 16);
-}
-
 /* The sizes on which a set's work areas depend. */
 struct size {
     double n, bins, voxels; /* active voxels, bins, voxels */
@@ -53,12 +32,17 @@ static double problem(const struct size *z)
     return z->n * (9 * z->lane + 40) + z->bins * (4 * z->lane + 4 + z->of_channels);
 }
 
-/* A frame slot: pictures, restricted systems of all levels. */
+/* A frame slot: pictures and volume. */
 static double slot(const struct size *z)
 {
+    return z->bins * (z->lane + 10 + z->of_channels) + z->n * (z->lane + 4);
+}
+
+/* The restricted systems of a set on all levels. */
+static double systems(const struct size *z)
+{
     double system = z->n * (z->windows + 4) + z->bins * 2;
-    return z->bins * (z->lane + 10 + z->of_channels) + z->n * (z->lane + 4) + 1.2 * system +
-           z->voxels / 7 * 2 * sizeof(int32_t) + z->bins / 3 * 2 * z->lane;
+    return 1.2 * system + z->voxels / 7 * 2 * sizeof(int32_t) + z->bins / 3 * 2 * z->lane;
 }
 
 void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig *rig,
@@ -84,13 +68,13 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
     *out = (struct reconstruct_need){0};
     out->base = 80e6 + pixels * 3 * 2 * 2 + (o->background != NULL ? bins * lane : 0) +
                 pixels * 12; /* maps of photometry */
-    out->look =
-        LOOK_MATRIX + slot(&none) + problem(&none) + 16 * bins + bricks * (8 * cameras + 40);
+    out->look = LOOK_MATRIX + slot(&none) + systems(&none) + problem(&none) + 16 * bins +
+                bricks * (8 * cameras + 40);
     out->matrix = (double)e->stored;
     out->build = (double)e->building;
-    out->sets = DMN_N_SLOTS_LOSSLESS * slot(&z) + problem(&z) + problem(&coarse) +
-                1.4 * z.n * lane + bins * (5 + z.of_channels) + bricks * 40 +
-                voxels / 8 * sizeof(int32_t) + z.n + 1.3 * seen->slabs * (lane + 7);
+    out->sets = DMN_N_SLOTS_LOSSLESS * slot(&z) + DMN_N_SYSTEMS_LOSSLESS * systems(&z) +
+                problem(&z) + problem(&coarse) + 1.4 * z.n * lane + bins * (5 + z.of_channels) +
+                bricks * 40 + voxels / 8 * sizeof(int32_t) + z.n + 1.3 * seen->slabs * (lane + 7);
     if (p->temporal)
         out->sets += 2 * voxels * lane;
     if (o->save_hull != NULL)

@@ -36,10 +36,6 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
                       const struct rec_frame_params *p, const struct rec_active_estimate *e,
                       const struct reconstruct_seen *seen, struct reconstruct_need *out);
 
-/* About the size of the whole matrix while it is built: 2x2 or 3x4 windows and 5.4 entries a voxel and camera
- * (NUMERICS.md, 16). */
-double reconstruct_whole(const struct rec_rig *rig, const struct rec_sysmat_params *resolved);
-
 /* Four fifths of MemAvailable, or of what the cgroup of this process leaves.  The rest is for other processes and for
  * cached files. */
 double reconstruct_room(void);

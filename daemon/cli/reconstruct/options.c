@@ -30,7 +30,8 @@ static const struct cli_row rows[] = {
      "the recording: a take of raw frames, or a folder with "
      "DIR/<camera>/<number>.(npy|png|tif|jpg) or DIR/<camera>.(mp4|mkv|mov|avi|tif)"},
     {"out", "DIR|FILE.h5", AT(out), 0, 0,
-     "write volumes to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file"},
+     "write volumes to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file. Volumes "
+     "that are there already are not overwritten"},
     {"save-report", "FILE", AT(report), 0, 0, "write the report of every frame as JSON"},
     {"grey", NULL, AT(grey), 0, 0, "solve one channel (colour images: the mean of the three)"},
     {"bayer", "auto|rays|demosaic", AT(bayer), 0, 0,
@@ -94,6 +95,8 @@ static const struct cli_row rows[] = {
     {"trust-all", NULL, AT(frame.trust_all), 0, 0,
      "for comparison: use every camera. Otherwise, with four cameras or more, a camera that "
      "contradicts the others is left out of the frame, and the report lists it (out)"},
+    {"anyway", NULL, AT(anyway), 0, 0,
+     "write volumes even where pictures and rig do not belong together, so that they mean nothing"},
     {"save-hull", "DIR", AT(save_hull), 0, 0,
      "write a picture of each frame's hull, DIR/<6 digits>.png: voxels inside (red), partly inside "
      "(green), outside (yellow), and the silhouettes"},
@@ -306,45 +309,50 @@ static char *reconstruct_said(int argc, char **argv)
     return all;
 }
 
+#define INTRO                                                                 \
+    "Reconstruct one emission volume per recorded frame set, for example\n\n" \
+    "  pyrovox reconstruct --rig rig.yaml --frames take --black 0.02 --out vol"
+#define EXAMPLES                                                                               \
+    "Images are linear. 8-bit and 16-bit images have full scale 1.0, .npy float32 images are " \
+    "used as they are. If a camera lacks a frame, the set is solved from the others. A file "  \
+    "that cannot be used is named, the run continues, and the exit code is 1.\n\n"             \
+    "More examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "       \
+    "recording for them, with a black level of 2 %):\n"                                        \
+    "  pyrovox reconstruct --rig rig.yaml --frames take --black 0.02 --out vol \\\n"           \
+    "          --fit-volume --grid 128 --save-report report.json\n"                            \
+    "      128 voxels along the longest side of the flame, none beside it\n"                   \
+    "  pyrovox reconstruct --rig rig.yaml --frames take --black 0.02 --out vol \\\n"           \
+    "          --last 9 --save-hull hulls\n"                                                   \
+    "      pictures of ten hulls show whether the calibration is good\n"
+#define MORE                                                                         \
+    "  pyrovox reconstruct --rig rig.yaml --frames take --black 0.02 \\\n"           \
+    "          --fit-volume=0.05 --save-rig tight.yaml\n"                            \
+    "      find the box for the daemon, solve nothing\n"                             \
+    "  pyrovox reconstruct --rig rig.yaml --frames raw --black 0.02 --out vol \\\n"  \
+    "          --pixel-format BayerRG8 --binning 1\n"                                \
+    "      raw pictures of colour cameras, without interpolation of colours\n"       \
+    "  pyrovox reconstruct --rig rig.yaml --frames take --black 0.02 --out vol \\\n" \
+    "          --grid 256 --plan=12\n"                                               \
+    "      does it finish in 12 hours, how much memory and disk does it need?\n"     \
+    "  pyrovox reconstruct --rig rig.yaml --frames take --black 0.02 --out vol \\\n" \
+    "          --deadline 100\n"                                                     \
+    "      at most 100 ms of solving per frame\n"                                    \
+    "  mpirun -n 8 pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"        \
+    "          --black 0.02 --out volumes.h5\n"                                      \
+    "      each process solves a part, on one machine or many\n"                     \
+    "  pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"                    \
+    "          --black 0.02 --out volumes.h5 --slurm 100\n"                          \
+    "      the same with Slurm; `--out volumes.h5 --join` shows the progress\n"
+
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
 {
-    const struct argp_child children[] = {{opt_rig_argp(), 0, "", 1}, {0}};
-    const struct argp argp = {
-        .parser = reconstruct_options_parse,
-        .children = children,
-        .help_filter = help_text,
-        .doc =
-            "Reconstruct one emission volume per recorded frame set, for example\n\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol"
-            "\vImages are linear. 8-bit and 16-bit images have full scale 1.0, .npy float32 images "
-            "are used as they are. If a camera lacks a frame, the set is solved from the others. "
-            "A file that cannot be used is named, the run continues, and the exit code is 1.\n\n"
-            "More examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "
-            "recording for them, use --black 0.02):\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --fit-volume --grid 128 --save-report report.json\n"
-            "      128 voxels along the longest side of the flame, none beside it\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take \\\n"
-            "          --fit-volume=0.05 --save-rig tight.yaml\n"
-            "      find the box for the daemon, solve nothing\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --last 9 --save-hull hulls\n"
-            "      pictures of ten hulls show whether the calibration is good\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
-            "          --pixel-format BayerRG8 --binning 1\n"
-            "      raw pictures of colour cameras, without interpolation of colours\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol --grid 256 \\\n"
-            "          --plan=12\n"
-            "      does it finish in 12 hours, how much memory and disk does it need?\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --deadline 100\n"
-            "      at most 100 ms of solving per frame\n"
-            "  mpirun -n 8 pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
-            "          --out volumes.h5\n"
-            "      each process solves a part, on one machine or many\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
-            "          --out volumes.h5 --slurm 100\n"
-            "      the same with Slurm; `--out volumes.h5 --join` shows the progress\n"};
+    bool all = cli_help_all(
+        argc, argv, "rig frames out black cameras last grid fit-volume save-report save-hull");
+    const struct argp_child children[] = {{opt_rig_argp(), 0, all ? "" : NULL, all}, {0}};
+    const struct argp argp = {.parser = reconstruct_options_parse,
+                              .children = children,
+                              .help_filter = help_text,
+                              .doc = all ? INTRO "\v" EXAMPLES MORE : INTRO "\v" EXAMPLES};
     *o = (struct reconstruct_options){.rig = OPT_RIG_INIT,
                                       .last = FRAMES_IN_LAST,
                                       .fit_margin = -1,

@@ -18,6 +18,7 @@ struct reconstruct_options {
     int64_t first, last;
     double deadline_ms; /* 0 = none */
     bool grey, warm, quiet, no_hull;
+    bool anyway;          /* solve what rig and pictures make meaningless */
     bool stop_said;       /* --stop */
     bool find_absorption; /* of frame.absorption */
     int32_t bayer;        /* 0 auto, 1 rays, 2 demosaic */

@@ -11,6 +11,7 @@
 #include "base/mem.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/reconstruct/active.h"
+#include "daemon/cli/reconstruct/learn.h"
 #include "daemon/pipeline/volume_file.h"
 #include "daemon/pipeline/wire.h"
 #include "daemon/volumes/bricks.h"
@@ -191,7 +192,7 @@ struct stage {
     double once, each, bytes;
     char from[192];
 };
-enum { BRICKS, SILHOUETTES, MATRIX, READ, CARVE, RESTRICT, SOLVE, WRITE, STAGES };
+enum { BRICKS, SILHOUETTES, MATRIX, CAMERAS, READ, CARVE, RESTRICT, SOLVE, WRITE, STAGES };
 
 static void plan_add_up(const struct plan *p, const struct reconstruct_need *need, bool whole,
                         struct stage s[STAGES])
@@ -210,7 +211,7 @@ static void plan_add_up(const struct plan *p, const struct reconstruct_need *nee
     snprintf(s[SILHOUETTES].from, sizeof s->from, "measured, %zu sets", f->seen.sets);
     s[MATRIX] =
         (struct stage){"system matrix", f->e.seconds + f->outline_s + rest * f->e.kept / m->e.kept,
-                       0, whole ? reconstruct_whole(&f->rig, &f->p) : need->build, ""};
+                       0, whole ? rec_sysmat_whole(&f->rig, &f->p) : need->build, ""};
     snprintf(s[MATRIX].from, sizeof s->from,
              "%.0f %% of its rows traced; sorted as on %s, by entries", 100 * f->e.share, grid);
     s[READ] = (struct stage){"read", 0, p->halved > 0 ? f->look_s : m->read_s, need->base, ""};
@@ -221,6 +222,12 @@ static void plan_add_up(const struct plan *p, const struct reconstruct_need *nee
     s[SOLVE] = (struct stage){"solve", 0, m->solve_s * by, need->matrix + need->sets, ""};
     for (int i = CARVE; i <= SOLVE; i++)
         snprintf(s[i].from, sizeof s->from, "%s, %zu sets", scaled, m->solved);
+    size_t sets = reconstruct_learn_sets(p->params, f->rig.n_cameras, p->in->n);
+    double each = s[READ].each + s[CARVE].each + s[RESTRICT].each + s[SOLVE].each;
+    s[CAMERAS] =
+        (struct stage){"cameras", RECONSTRUCT_LEARN_ROUNDS * (double)sets * each, 0, 0, ""};
+    snprintf(s[CAMERAS].from, sizeof s->from, "at most: gains and aims from %zu sets, %d rounds",
+             sets, RECONSTRUCT_LEARN_ROUNDS);
     s[WRITE] = (struct stage){"write", 0, m->write_s * voxels, need->volume, ""};
     snprintf(s[WRITE].from, sizeof s->from, "%s",
              p->o->out == NULL ? "not measured: --out says where to"
@@ -303,7 +310,7 @@ static pvx_err plan_run(struct plan *p, struct pvx_diag *d)
     PVX_TRY(plan_solve(p, &p->part, d));
     reconstruct_need(p->o, &p->full.rig, p->params, &p->full.e, &p->full.seen, &need);
     double room = p->o->memory >= 0 ? p->o->memory : reconstruct_room();
-    double all = reconstruct_whole(&p->full.rig, &p->full.p);
+    double all = rec_sysmat_whole(&p->full.rig, &p->full.p);
     bool whole = all <= room;
     if (whole)
         need.most = need.base + fmax(need.look, all + need.sets + need.volume);

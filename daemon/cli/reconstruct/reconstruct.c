@@ -19,13 +19,15 @@
 #include "daemon/cli/reconstruct/fit.h"
 #include "daemon/cli/reconstruct/hints.h"
 #include "daemon/cli/reconstruct/join.h"
+#include "daemon/cli/reconstruct/learn.h"
 #include "daemon/cli/reconstruct/options.h"
 #include "daemon/cli/reconstruct/part.h"
 #include "daemon/cli/reconstruct/plan.h"
 #include "daemon/cli/reconstruct/slurm.h"
 #include "daemon/pipeline/volume_file.h"
+#include "daemon/volumes/folder.h"
 #include "recon/frame/inside.h"
-#include "recon/check/meant.h"
+#include "recon/check/plausible.h"
 
 struct job {
     const struct reconstruct_options *o;
@@ -36,6 +38,7 @@ struct job {
     struct frames_in in;
     struct rec_frame_params params;
     pvx_pool *pool;
+    rec_average *average; /* of the cameras' corrections; NULL: each set by itself */
     dmn_pipeline *pipeline;
     struct ranks ranks;
     struct reconstruct_part part; /* where out is one file */
@@ -47,9 +50,10 @@ struct job {
     struct cli_progress bar;
     size_t sets;                    /* received so far */
     struct reconstruct_hints hints; /* of the volumes written */
-    bool said_lit;                  /* the warning that nearly all is lit was printed */
-    size_t agree, disagree;         /* sets with light whose cameras agree by the vote or do not */
-    bool said_meant;                /* the mistake in the rig was named */
+    rec_plausible *plausible;       /* NULL: without silhouettes */
+    size_t lit;                     /* sets with light in two cameras */
+    bool said_lit;       /* the warning that nearly all of a picture is lit was printed */
+    enum rec_cause said; /* what is wrong with rig and pictures, as it was said */
     struct dmn_votes votes;
     bool failed;   /* a set failed, but the others went on */
     pvx_err error; /* the error that ended the work */
@@ -102,6 +106,16 @@ static void describe_volume(cJSON *root, const struct job *j)
     cJSON_AddBoolToObject(v, "fitted", j->o->fit);
 }
 
+/* What all sets were corrected by; none: each by itself. */
+static void describe_cameras(cJSON *root, const struct job *j)
+{
+    struct rec_selfcal_report r;
+    if (j->average == NULL)
+        return;
+    rec_average_tell(j->average, &r);
+    dmn_selfcal_to_json(root, &r);
+}
+
 static void check_lit(struct job *j, const struct dmn_slot *s)
 {
     for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++)
@@ -132,30 +146,45 @@ static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 
-/* The mistake in the rig that explains silhouettes better, said once.  Sets 1, 2, 4, 8 .. of those whose cameras agree
- * by the vote are looked at, and of the others: a flame that moves tells more. */
-static pvx_err say_meant(struct job *j, const struct dmn_slot *s)
+/* Whether pictures and rig belong together, after sets 1 and 8 with light.  After the first it may end the work. */
+static pvx_err reconstruct_belong(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
-    const uint8_t *lit[REC_MAX_CAMERAS];
-    char text[REC_MEANT_TEXT];
-    bool agree =
-        r->vote.state != REC_VOTE_TORN && r->vote.out == 0 && r->hull.inside + r->hull.partial > 0;
-    size_t *seen = agree ? &j->agree : &j->disagree;
-    if (j->o->no_hull || j->said_meant)
-        return PVX_OK;
+    const int cs = j->params.nch == 3 ? 4 : 1;
+    struct rec_plausible_set set = {.number = j->sets,
+                                    .nch = j->params.nch,
+                                    .cs = cs,
+                                    .residual = r->solve.rel_residual,
+                                    .noise = rec_frame_noise(r, j->params.nch)};
+    struct rec_plausible_verdict v;
+    char line[REC_PLAUSIBLE_LINE];
     size_t light = 0;
-    for (size_t c = 0; c < j->rig.n_cameras; c++) {
-        lit[c] = reconstruct_has(s, c) ? rec_frame_lit(s->frame, c) : NULL;
-        light += lit[c] != NULL && memchr(lit[c], 1, j->S->row0[c + 1] - j->S->row0[c]) != NULL;
-    }
-    *seen += light > 1;
-    if (light < 2 || (*seen & (*seen - 1)) != 0)
+    if (j->plausible == NULL)
         return PVX_OK;
-    PVX_TRY(rec_rig_meant(&j->rig, j->S->binning, lit, text));
-    j->said_meant = text[0] != '\0';
-    if (j->said_meant)
-        fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)s->set, text);
+    for (size_t c = 0; c < j->rig.n_cameras; c++) {
+        size_t row0 = j->S->row0[c];
+        if (!reconstruct_has(s, c))
+            continue;
+        set.b[c] = rec_frame_rhs(s->frame) + row0 * (size_t)cs;
+        set.lit[c] = rec_frame_lit(s->frame, c);
+        if ((r->vote.out >> c & 1) == 0) /* else all weights are 0 */
+            set.weight[c] = rec_frame_weight(s->frame) + row0;
+        light += memchr(set.lit[c], 1, j->S->row0[c + 1] - row0) != NULL;
+    }
+    rec_plausible_add(j->plausible, &set);
+    j->lit += light > 1;
+    if (light < 2 || (j->lit != 1 && j->lit != 8))
+        return PVX_OK;
+    PVX_TRY(rec_plausible_judge(j->plausible, REC_PLAUSIBLE_HYPOTHESES, j->o->rig.path,
+                                j->o->frames, &v));
+    if (v.meaningless && j->lit == 1 && !j->o->anyway && !j->o->fit)
+        return pvx_fail(d, PVX_EINVAL, "frame %06llu: %.400s; next: %.400s; or --anyway",
+                        (unsigned long long)s->set, v.text, v.next);
+    if (v.cause != REC_CAUSE_NONE && v.cause != j->said) {
+        rec_plausible_line(&v, line);
+        fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)s->set, line);
+        j->said = v.cause;
+    }
     return PVX_OK;
 }
 
@@ -163,13 +192,13 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
 {
     unsigned long long no = s->set;
     char path[4300];
+    PVX_TRY(reconstruct_belong(j, s, d));
     reconstruct_say_missing(j, s);
     check_lit(j, s);
     j->failed |= reconstruct_say_cut(rec_frame_get_report(s->frame), s->set);
     uint64_t frame = s->set;
     dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
                   &(struct dmn_votes_listener){reconstruct_say, &frame});
-    PVX_TRY(say_meant(j, s));
     if (j->picture != NULL) {
         bool have[REC_MAX_CAMERAS];
         for (size_t c = 0; c < j->rig.n_cameras; c++)
@@ -241,6 +270,9 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
     }
     if (o->no_hull)
         silhouettes_without_hull(&j->params);
+    if (o->out != NULL && !o->recording && !o->plan && vol_folder_has(o->out, ".npy"))
+        return pvx_fail(d, PVX_EBUSY,
+                        "%s: holds volumes already; name another folder, or remove it", o->out);
     PVX_TRY(opt_rig_load(&as_in_file, &j->rig, d));
     if (j->params.hull.min_views > j->rig.n_cameras)
         return pvx_fail(
@@ -277,6 +309,33 @@ static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
     return e;
 }
 
+/* All parts of a recording learn from the same sets.  A part whose matrix holds only its own flame cannot. */
+static pvx_err learn_cameras(struct job *j, float *const *background, struct pvx_diag *d)
+{
+    struct reconstruct_learn l = {.in = &j->in,
+                                  .params = &j->params,
+                                  .background = background,
+                                  .S = j->S,
+                                  .rig = &j->rig,
+                                  .pool = j->pool,
+                                  .quiet = j->o->quiet};
+    if (j->o->parts == 0)
+        return reconstruct_learn(&l, &j->average, d);
+    if (j->S->active != NULL)
+        return PVX_OK;
+    struct frames_in all = {.rig = &j->rig,
+                            .pool = j->pool,
+                            .how = j->o->reading,
+                            .light = j->light,
+                            .black = j->in.black};
+    l.in = &all;
+    pvx_err e = frames_in_open(&all, j->o->frames, j->o->first, j->o->last, j->in.kinds, d);
+    PVX_THEN(e, frames_in_begin(&all, j->S->binning, j->o->reading.mosaic, d));
+    PVX_THEN(e, reconstruct_learn(&l, &j->average, d));
+    frames_in_close(&all);
+    return e;
+}
+
 /* The pipeline between the frames and their volumes. */
 static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
 {
@@ -295,6 +354,8 @@ static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
     pvx_err e = PVX_OK;
     if (o->background != NULL)
         e = frames_in_background(&j->in, o->background, background, d);
+    PVX_THEN(e, learn_cameras(j, p.background, d));
+    p.average = j->average;
     PVX_THEN(e, dmn_pipeline_new(&p, &j->pipeline, d));
     for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
         free(background[c]);
@@ -327,12 +388,18 @@ static pvx_err reconstruct_prepare(struct job *j, struct pvx_diag *d)
             pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
     if (!o->recording && j->dense == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
+    if (!o->no_hull)
+        PVX_TRY(rec_plausible_new(&j->rig, j->S->binning, &j->plausible));
+    if (j->plausible != NULL && j->params.at_least)
+        rec_plausible_at_least(j->plausible);
     return reconstruct_connect_all(j, d);
 }
 
 static void reconstruct_finish(struct job *j)
 {
     dmn_pipeline_free(&j->pipeline);
+    rec_average_free(&j->average);
+    rec_plausible_free(&j->plausible);
     free(j->dense);
     hull_picture_free(&j->picture);
     frames_in_close(&j->in);
@@ -342,12 +409,29 @@ static void reconstruct_finish(struct job *j)
     rec_rig_fini(&j->rig);
 }
 
+/* One line at the end: of all sets, and of the last ones if the recording was shorter than eight. */
+static pvx_err reconstruct_verdict(const struct job *j)
+{
+    struct rec_plausible_verdict v;
+    char line[REC_PLAUSIBLE_LINE];
+    if (j->plausible == NULL || j->lit == 0)
+        return PVX_OK;
+    PVX_TRY(rec_plausible_judge(
+        j->plausible, j->lit > 1 && j->lit < 8 ? REC_PLAUSIBLE_HYPOTHESES : REC_PLAUSIBLE_FACTS,
+        j->o->rig.path, j->o->frames, &v));
+    rec_plausible_line(&v, line);
+    if (v.cause == REC_CAUSE_NONE ? j->said == REC_CAUSE_NONE && !j->o->quiet : v.cause != j->said)
+        fprintf(stderr, "%s\n", line);
+    return PVX_OK;
+}
+
 /* After an error or Ctrl-C the report is written, too, for the sets that were done. */
 static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     cJSON *root = cJSON_CreateObject();
     describe_volume(root, j);
+    describe_cameras(root, j);
     j->list = cJSON_AddArrayToObject(root, "frames");
     j->bar = (struct cli_progress){.label = "reconstruct", .quiet = o->quiet};
     pvx_err e = dmn_pipeline_start(j->pipeline, d);
@@ -365,6 +449,8 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
         fprintf(stderr, "%u volume%s in %s\n", j->hints.volumes, j->hints.volumes == 1 ? "" : "s",
                 o->out);
     reconstruct_hints_say(&j->hints, o, &j->rig);
+    if (e == PVX_OK)
+        e = reconstruct_verdict(j);
     return e;
 }
 

@@ -14,6 +14,7 @@
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/verdict.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/volumes/recorder.h"
 #include "proto/clients/sub.h"
@@ -42,6 +43,7 @@ struct record {
     int64_t begun, told; /* mono: first volume, last status line */
     uint64_t told_written;
     char *daemon_config;
+    cJSON *status; /* the daemon's last one, or NULL */
     bool in_session, ended, told_waiting;
 };
 
@@ -122,7 +124,8 @@ static const struct argp argp = {
     .doc = "Write the volumes of a running pyrovoxd to disk, or let the daemon record its raw "
            "frames.\vExamples:\n"
            "  pyrovox record --seconds 10 --out flame\n"
-           "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
+           "  pyrovox record --raw start --out take.h5; sleep 10\n"
+           "  pyrovox record --raw stop\n"
            "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n"
            "\n"
            "Each volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels]. SET is the number of "
@@ -132,6 +135,10 @@ static const struct argp argp = {
            "NAME-session-ID.h5). `pyrovox repair` finishes what a killed recorder leaves.\n"
            "\n"
            "Volumes that did not arrive are counted from gaps in the sequence and reported.\n"
+           "\n"
+           "The last line is the daemon's verdict, as in `pyrovox status`, if the recording is "
+           "longer than a "
+           "second.\n"
            "\n"
            "With --raw this program writes nothing. The daemon records the frames of the cameras "
            "to an HDF5 file beside the live solve, until --raw stop. `pyrovox status` counts the "
@@ -260,6 +267,8 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
 {
     char reason[PVP_REASON_MAX];
     uint64_t session;
+    const char *json;
+    size_t n;
     switch (h->type) {
     case PVP_START: return PVX_OK;
     case PVP_VOLUME:
@@ -267,6 +276,12 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
             r->begun = pvx_now_mono();
         return record_save(r, h, msg, len, d);
     case PVP_EVENT: return record_event(r, msg, len);
+    case PVP_STATUS:
+        if (pvp_decode_status(msg, len, &json, &n, NULL) == PVX_OK) {
+            cJSON_Delete(r->status);
+            r->status = cJSON_ParseWithLength(json, n);
+        }
+        return PVX_OK;
     case PVP_END:
         if (!r->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
             fprintf(stderr, "%sthe daemon ended: %s\n", isatty(STDERR_FILENO) ? "\n" : "", reason);
@@ -339,6 +354,10 @@ static void record_conclude(const struct record *r, const struct vol_recorder_st
         snprintf(more, sizeof more, " and %u after it", rec->rolled);
     printf("%llu volumes in %s%s, %llu messages lost\n", (unsigned long long)rec->written, r->out,
            more, (unsigned long long)(st.lost + rec->left_out));
+    fflush(stdout);
+    char line[STATUS_LINE]; /* of the daemon, when it last said so */
+    if (r->parent == 0 && r->status != NULL && (!verdict_line(r->status, line) || !r->quiet))
+        fprintf(stderr, "%s\n", line);
 }
 
 /* The default of --out. */
@@ -440,6 +459,7 @@ static int record_run(int argc, char **argv)
     int rc = e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;
     pvp_sub_free(&r.sub);
     pvp_decoder_free(&r.decoder);
+    cJSON_Delete(r.status);
     free(r.daemon_config);
     return rc;
 }

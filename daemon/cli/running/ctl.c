@@ -3,13 +3,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/clock.h"
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/verdict.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/control/commands.h"
 
 #define WORDS_MAX 4
+#define CHECK_MS  5000
 
 struct args {
     const char *endpoint, *key;
@@ -45,12 +48,13 @@ static char *ctl_help(int key, const char *text, void *input)
     for (size_t i = 0; i < dmn_n_commands; i++)
         fprintf(f, "  %s%s%s: %s\n", dmn_commands[i].name, dmn_commands[i].usage[0] ? " " : "",
                 dmn_commands[i].usage, dmn_commands[i].help);
-    fputs("\nExits with 1 when no daemon answers, or it refuses.\n\nExamples:\n"
+    fputs("\nExits with 1 if no daemon answers, if it refuses, or if a check is bad.\n\nExamples:\n"
           "  pyrovox ctl get solver.lambda\n"
           "  pyrovox ctl set publish.compress lz4\n"
           "  pyrovox ctl record start flame7.h5\n"
           "  pyrovox ctl record start volumes\n"
           "  pyrovox ctl snapshot strange\n"
+          "  pyrovox ctl check\n"
           "  pyrovox ctl --control tcp://lab:5556 --key me.key stop",
           f);
     return fclose(f) == 0 ? out : NULL;
@@ -117,6 +121,26 @@ static void ctl_print(const cJSON *reply, const char *command)
     }
 }
 
+/* Wait for the verdict of a check that was begun.  Nothing is waited for without end: the daemon gives up when no sets
+ * come. */
+static pvx_err ctl_await(const struct args *a, cJSON **reply, struct pvx_diag *d)
+{
+    char request[80];
+    snprintf(request, sizeof request, "{\"cmd\":\"check\",\"request\":%.0f}",
+             ask_num(*reply, "request", NULL));
+    while (strcmp(ask_text(*reply, "state", NULL), "taking") == 0) {
+        pvx_sleep_until_mono(pvx_now_mono() + PVX_NS_PER_S / 10);
+        cJSON_Delete(*reply);
+        PVX_TRY(ask_request(a->endpoint, a->key, request, CHECK_MS, reply, d));
+    }
+    if (strcmp(ask_text(*reply, "state", NULL), "failed") != 0)
+        return PVX_OK;
+    pvx_fail(d, PVX_EINVAL, "%s", ask_text(*reply, "why", NULL));
+    cJSON_Delete(*reply);
+    *reply = NULL;
+    return PVX_EINVAL;
+}
+
 static int ctl_run(int argc, char **argv)
 {
     struct args a = {0};
@@ -128,6 +152,9 @@ static int ctl_run(int argc, char **argv)
     struct pvx_diag d = {""};
     cJSON *reply;
     pvx_err e = ask_words(a.endpoint, a.key, a.word, 0, &reply, &d);
+    const bool check = strcmp(a.word[0], "check") == 0;
+    if (e == PVX_OK && check)
+        e = ctl_await(&a, &reply, &d);
     if (e != PVX_OK) {
         int code = cli_error(&d, e);
         return e == PVX_ERANGE ? 2 : code;
@@ -136,11 +163,18 @@ static int ctl_run(int argc, char **argv)
         char *text = cJSON_Print(reply);
         puts(text != NULL ? text : "");
         free(text);
+    } else if (check) {
+        struct rec_plausible_verdict v;
+        char line[REC_PLAUSIBLE_LINE];
+        belong_verdict(reply, &v);
+        rec_plausible_line(&v, line);
+        puts(line);
     } else {
         ctl_print(reply, a.word[0]);
     }
+    const bool bad = check && !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(reply, "good"));
     cJSON_Delete(reply);
-    return 0;
+    return bad;
 }
 
 const struct cli_command cmd_ctl = {"ctl", "tell a running daemon something", ctl_run};

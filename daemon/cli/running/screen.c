@@ -8,11 +8,10 @@
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/page.h"
 #include "daemon/cli/running/status_cameras.h"
-#include "recon/vote/wrong.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
-#define LABEL     12 /* columns of a camera's name */
-#define TROUBLE   800
+#define LINE_NS   (60 * PVX_NS_PER_S) /* longest time between lines off a terminal */
+#define LABEL     12                  /* columns of a camera's name */
 
 static void bar(double share, char out[31])
 {
@@ -49,24 +48,6 @@ static void draw_daemon(struct page *p, const struct follow *f)
               (double)r->restrict_ns * 1e-6, (double)r->solve_ns * 1e-6);
 }
 
-/* Draw a text in as many lines as it needs. */
-static void draw_words(struct page *p, int label, const char *name, const char *text)
-{
-    int room = p->cols - label - 1;
-    while (*text != '\0') {
-        int n = (int)strlen(text);
-        if (n > room && room > 0)
-            for (n = room; n > 0 && text[n] != ' ';)
-                n--;
-        if (n == 0) /* one long word: page_line cuts it */
-            n = (int)strlen(text);
-        page_line(p, "%-*.*s %.*s", label, label, name, n, text);
-        name = "";
-        text += n;
-        text += *text == ' ';
-    }
-}
-
 static void draw_stages(struct page *p, const cJSON *s)
 {
     char text[256] = "";
@@ -76,7 +57,7 @@ static void draw_stages(struct page *p, const cJSON *s)
         (size_t)snprintf(text + n, sizeof text - n, "%s%s %.1f ms (p99 %.1f, %.0f waiting)",
                          n > 0 ? ", " : "", ask_text(k, "name", NULL), ask_num(k, "mean_ms", NULL),
                          ask_num(k, "p99_ms", NULL), ask_num(k, "queued", NULL));
-    draw_words(p, 8, "stages", text);
+    page_words(p, 8, "stages", text);
 }
 
 /* Draw the places that lost sets: sets that did not become a volume or were not recorded. */
@@ -94,7 +75,7 @@ static void draw_drops(struct page *p, const cJSON *s)
     if (n < sizeof text && ask_num(s, "record", "sets_missed") > 0)
         snprintf(text + n, sizeof text - n, "%snot recorded %.0f", n > 0 ? ", " : "",
                  ask_num(s, "record", "sets_missed"));
-    draw_words(p, 8, "dropped", text[0] != '\0' ? text : "nothing");
+    page_words(p, 8, "dropped", text[0] != '\0' ? text : "nothing");
 }
 
 static void draw_clients(struct page *p, const cJSON *s)
@@ -107,32 +88,10 @@ static void draw_clients(struct page *p, const cJSON *s)
         page_line(p, "clients  %.0f subscribed; no keys", ask_num(s, "subscribers", NULL));
 }
 
-/* Trouble of a camera: why it does not run, else why it is left out, else the first thing wrong and its remedy. */
-static void camera_trouble(const cJSON *camera, char out[TROUBLE])
-{
-    const char *error = ask_text(camera, "error", NULL), *why = ask_text(camera, "vote", "why");
-    const char *check = camera_check(camera);
-    const cJSON *t = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(camera, "troubles"), 0);
-    const char *detail = ask_text(t, "detail", NULL);
-    out[0] = '\0';
-    if (error[0] != '\0')
-        snprintf(out, TROUBLE, "%s", error);
-    else if (why[0] != '\0' && check[0] == '\0')
-        snprintf(out, TROUBLE, "left out: %s; %s", why, ask_text(camera, "vote", "remedy"));
-    else if (why[0] == '\0' && camera_moved(camera))
-        snprintf(out, TROUBLE, "moved by %+.1f px right, %+.1f px down; %s",
-                 ask_num(camera, "rig", "right_px"), ask_num(camera, "rig", "down_px"),
-                 rec_wrong_remedy(REC_WRONG_MOVED));
-    else if (check[0] != '\0')
-        snprintf(out, TROUBLE, "%s%s", why[0] != '\0' ? "left out: " : "", check);
-    else if (t != NULL)
-        snprintf(out, TROUBLE, "%s", detail[0] != '\0' ? detail : ask_text(t, "text", NULL));
-}
-
 static void running_draw_cameras(struct page *p, const cJSON *s)
 {
     const cJSON *k, *all = cJSON_GetObjectItemCaseSensitive(s, "cameras");
-    char text[TROUBLE], agrees[16], gain[16];
+    char text[STATUS_LINE], agrees[16], gain[16];
     page_line(p, "%-*s %-8s %7s %9s %5s %5s %5s %5s %6s %5s", LABEL, "camera", "state", "fps",
               "frames", "bad", "late", "gaps", "lost", "agrees", "gain");
     cJSON_ArrayForEach(k, all)
@@ -152,7 +111,8 @@ static void running_draw_cameras(struct page *p, const cJSON *s)
     cJSON_ArrayForEach(k, all)
     {
         camera_trouble(k, text);
-        draw_words(p, LABEL, ask_text(k, "name", NULL), text);
+        page_words(p, LABEL, ask_text(k, "name", NULL), text);
+        page_words(p, LABEL, ask_text(k, "name", NULL), selfcal_words(k, text, sizeof text));
     }
 }
 
@@ -162,6 +122,9 @@ static void running_draw_page(const struct follow *f, const char *title, const c
     page_begin(&p);
     if (title != NULL)
         page_line(&p, "%s", title);
+    char verdict[STATUS_LINE]; /* above all that a small terminal may cut off */
+    (void)verdict_line(f->status, verdict);
+    page_words(&p, 8, "verdict", f->status != NULL ? verdict : "-");
     page_line(&p, "%s", "");
     page_line(&p, "sets     %6.2f/s   %llu received   %llu sets missing   %llu messages lost here",
               follow_rate(f), (unsigned long long)f->volumes, (unsigned long long)f->missing,
@@ -189,7 +152,8 @@ static void running_draw_page(const struct follow *f, const char *title, const c
 
 static void draw_line(const struct screen *s, const struct follow *f)
 {
-    printf("%6.1f s  %6.2f sets/s  %llu sets  missing %llu  lost %llu  latency p50 %.1f p99 %.1f ms"
+    printf("%6.1f s  %6.2f sets/s  %llu sets  %llu sets missing  %llu messages lost  latency p50 "
+           "%.1f p99 %.1f ms"
            "  hull %u  residual %.4f",
            (double)(pvx_now_mono() - s->t0_ns) * 1e-9, follow_rate(f),
            (unsigned long long)f->volumes, (unsigned long long)f->missing,
@@ -211,13 +175,14 @@ void screen_open(struct screen *s)
 
 void screen_draw(struct screen *s, const struct follow *f, const char *title, const char *foot)
 {
-    int64_t now = pvx_now_mono();
-    if (!s->open || now < s->next_ns)
+    int64_t now = pvx_now_mono(), since = now - s->t0_ns;
+    if (!s->open || now < s->next_ns || (!s->tty && f->volumes == 0))
         return;
-    s->next_ns = now + (s->tty ? REDRAW_NS : PVX_NS_PER_S);
+    int64_t line = since < PVX_NS_PER_S ? PVX_NS_PER_S : since < LINE_NS ? since : LINE_NS;
+    s->next_ns = now + (s->tty ? REDRAW_NS : line);
     if (s->tty)
         running_draw_page(f, title, foot);
-    else if (f->volumes > 0)
+    else
         draw_line(s, f);
 }
 

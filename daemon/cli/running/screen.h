@@ -1,7 +1,7 @@
 /* screen.h - the live picture of a daemon, for `pyrovox top` and `pyrovox demo`.
  *
  * On a terminal it is redrawn in place on the terminal's second screen.  screen_close switches back to the first one.
- * Elsewhere it is one line a second. */
+ * Elsewhere it is a line after 1, 2, 4 s and so on, then each minute. */
 #ifndef SCREEN_H
 #define SCREEN_H
 #include <stdbool.h>

@@ -10,7 +10,7 @@
 
 struct args {
     const char *endpoint, *key;
-    bool json, stop;
+    bool json, stop, exit_code;
     double timeout_s;
 };
 
@@ -23,6 +23,8 @@ static const struct cli_row rows[] = {
      "your .key file of `pyrovox keygen`, for a daemon that asks for one"},
     {"json", NULL, AT(json), 0, 0, "print the answer as it came"},
     {"stop", NULL, AT(stop), 0, 0, "ask the daemon to drain and end"},
+    {"exit-code", NULL, AT(exit_code), 0, 0,
+     "exit with 1 if the last line says bad, or if the daemon is still starting"},
     {"timeout", "SECONDS", AT(timeout_s), 0.01, 3600, "wait so long for an answer (2)"},
     {0}};
 
@@ -32,9 +34,12 @@ static const char doc[] =
     "  pyrovox status\n"
     "  pyrovox status --json | jq .latency_ms\n"
     "  pyrovox status --endpoint ipc:///run/pyrovox/control\n"
+    "  pyrovox status --exit-code > status.txt || tail -n 1 status.txt\n"
     "\n"
     "For each camera it prints faults with their remedy, how it compares with the others by the "
-    "flame, and how far apart the cameras expose. Exits with 1 if no daemon answers.";
+    "flame, and how far apart the cameras expose. The last line says \"good: ...\", or \"fair: \" "
+    "or "
+    "\"bad: ...; next: ...\" with the first thing to do. Exits with 1 if no daemon answers.";
 
 static error_t status_parse(int key, char *arg, struct argp_state *st)
 {
@@ -128,11 +133,16 @@ static int status_run(int argc, char **argv)
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
     struct pvx_diag d = {0};
+    char line[STATUS_LINE];
+    bool good = false;
     cJSON *s;
     pvx_err e =
         ask(a.endpoint, a.key, a.stop ? "stop" : "status", (int)(a.timeout_s * 1e3), &s, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
+    bool starting = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(s, "starting"));
+    if (!a.stop && !starting)
+        good = verdict_line(s, line);
     if (a.json) {
         char *text = cJSON_Print(s);
         if (text == NULL)
@@ -142,7 +152,7 @@ static int status_run(int argc, char **argv)
         free(text);
     } else if (a.stop) {
         puts("the daemon is stopping");
-    } else if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(s, "starting"))) {
+    } else if (starting) {
         printf("starting; system matrix %.0f %%\n", 100 * ask_num(s, "matrix_done", NULL));
     } else {
         print_sets(s);
@@ -155,9 +165,10 @@ static int status_run(int argc, char **argv)
         checks_print(s);
         skew_print(s);
         health_print(s);
+        printf("\n%s\n", line);
     }
     cJSON_Delete(s);
-    return e == PVX_OK ? 0 : cli_error(&d, e);
+    return e != PVX_OK ? cli_error(&d, e) : a.exit_code && !a.stop && !good;
 }
 
 const struct cli_command cmd_status = {"status", "what a running daemon says about itself",

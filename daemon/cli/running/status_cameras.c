@@ -55,20 +55,6 @@ void skew_print(const cJSON *status)
                                                 "spread_bins"));
 }
 
-bool camera_moved(const cJSON *camera)
-{
-    return cJSON_IsTrue(
-        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(camera, "rig"), "moved"));
-}
-
-const char *camera_check(const cJSON *camera)
-{
-    const char *wrong = ask_text(camera, "check", "wrong");
-    bool said = strcmp(wrong, ask_text(camera, "vote", "why")) == 0 ||
-                (camera_moved(camera) && strcmp(wrong, rec_wrong_name(REC_WRONG_MOVED)) == 0);
-    return said ? "" : ask_text(camera, "check", "text");
-}
-
 void checks_print(const cJSON *status)
 {
     const cJSON *k;
@@ -139,19 +125,34 @@ void votes_print(const cJSON *status)
     }
 }
 
+const char *selfcal_words(const cJSON *camera, char *out, size_t size)
+{
+    double sets = ask_num(camera, "selfcal", "sets");
+    int n = 0;
+    out[0] = '\0';
+    if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(
+            cJSON_GetObjectItemCaseSensitive(camera, "selfcal"), "corrected")))
+        return out;
+    n = snprintf(
+        out, size,
+        "corrected: gain %.3f +- %.3f, flame %+.2f +- %.2f px to the right, %+.2f +- "
+        "%.2f px down",
+        ask_num(camera, "selfcal", "gain"), ask_num(camera, "selfcal", "gain_error"),
+        ask_num(camera, "selfcal", "right_px"), ask_num(camera, "selfcal", "right_error_px"),
+        ask_num(camera, "selfcal", "down_px"), ask_num(camera, "selfcal", "down_error_px"));
+    if (sets > 0 && n > 0 && (size_t)n < size)
+        snprintf(out + n, size - (size_t)n, " (%.0f sets)", sets);
+    return out;
+}
+
 void selfcal_print(const cJSON *status)
 {
     const cJSON *k;
+    char words[160];
     cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(status, "cameras"))
     {
-        if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(
-                cJSON_GetObjectItemCaseSensitive(k, "selfcal"), "corrected")))
-            printf("%-16s corrected in the solve: gain %.3f +- %.3f, flame %+.2f +- %.2f px to the "
-                   "right, %+.2f +- %.2f px down\n",
-                   ask_text(k, "name", NULL), ask_num(k, "selfcal", "gain"),
-                   ask_num(k, "selfcal", "gain_error"), ask_num(k, "selfcal", "right_px"),
-                   ask_num(k, "selfcal", "right_error_px"), ask_num(k, "selfcal", "down_px"),
-                   ask_num(k, "selfcal", "down_error_px"));
+        if (selfcal_words(k, words, sizeof words)[0] != '\0')
+            printf("%-16s %s\n", ask_text(k, "name", NULL), words);
     }
 }
 

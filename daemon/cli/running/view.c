@@ -9,6 +9,7 @@
 
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
+#include "daemon/cli/running/status_cameras.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/view/bridge.h"
 
@@ -92,8 +93,8 @@ static const struct argp argp = {
            "volumes.\vExamples:\n"
            "  pyrovox view --open\n"
            "  pyrovox view flame.h5 --open\n"
-           "  pyrovox view --listen 192.0.2.7:8737 --cert host.pem --cert-key host.key --host "
-           "lab.example --token-file token\n"
+           "  pyrovox view --listen 192.0.2.7:8737 --cert host.pem --cert-key host.key \\\n"
+           "          --host lab.example --token-file token\n"
            "\n"
            "Prints the address of the page and serves it until Ctrl-C. The part of the address "
            "after # is a token. Requests without it are refused, also those of other users of this "
@@ -117,6 +118,15 @@ static bool view_stop(void *ctx)
 static void view_say(const char *line)
 {
     fprintf(stderr, "pyrovox view: %s\n", line);
+}
+
+_Static_assert(STATUS_LINE <= VIEW_VERDICT_TEXT, "a verdict fits into a page's");
+static void view_verdict(const char *json, size_t len, char out[VIEW_VERDICT_TEXT])
+{
+    cJSON *j = cJSON_ParseWithLength(json, len);
+    if (j != NULL)
+        (void)verdict_line(j, out);
+    cJSON_Delete(j);
 }
 
 /* Write a file that only this user can read and that leads the browser to url.  The address contains the token, and
@@ -250,6 +260,7 @@ static pvx_err view_serve(const struct args *a, struct pvx_diag *d)
         open_browser(door);
     else if (a->open)
         view_say(d->text);
+    view_bridge_verdict(b, view_verdict);
     view_bridge_run(b, view_stop, view_say, NULL);
     if (door[0] != '\0')
         unlink(door);

@@ -57,85 +57,90 @@ static const struct cli_row rows[] = {
     {"control", NULL, AT(control), 0, 0, "read lines on standard input"},
     {0}};
 
-static const char doc[] =
-    "Serve simulated cameras over the real GigE Vision protocol.\v"
-    "  pyrovox simcams --private-net -- pyrovoxd --config my.yaml\n"
-    "starts eight cameras and a daemon, as an ordinary user.\n"
-    "\n"
-    "Each camera shows its own view of a burning flame. All cameras show the same instant, and "
-    "time stamps are exact: image i of a camera is the flame at i/fps of a period of ring/fps. The "
-    "daemon receives the same packets as from physical cameras.\n"
-    "\n"
+#define INTRO                                                                                    \
+    "Serve simulated cameras over the real GigE Vision protocol.\v"                              \
+    "Each camera shows its own view of a burning flame. All cameras show the same instant, and " \
+    "time stamps are exact: image i of a camera is the flame at i/fps of a period of ring/fps. " \
+    "The "                                                                                       \
+    "daemon receives the same packets as from physical cameras.\n"                               \
+    "\n"                                                                                         \
     "Prints one line when the cameras answer: serving 8 cameras on 127.0.0.2..127.0.0.9\n"
-    "\n"
-    "Lines for --set, --at and --control (CAM is a name, or all):\n"
-    " Frames and packets, V a share from 0 to 1:\n"
-    "  drop CAM V              frames that are never sent\n"
-    "  loss CAM V              packets that are lost\n"
-    "  reorder CAM V           packets that another one overtakes\n"
-    "  duplicate CAM V         packets that are sent twice\n"
-    "  size CAM V              frames with a wrong width, or cut short\n"
-    "  corrupt CAM V           frames with a garbled packet\n"
-    "  miss CAM V              triggers that are ignored\n"
-    "  hostile CAM V           frames and answers with malformed packets\n"
-    " Times:\n"
-    "  delay CAM MS            frames are sent this much later\n"
-    "  jitter CAM MS           and by up to this much more\n"
-    "  late CAM N              the image is N frames old, its time stamp is not\n"
-    "  skew CAM US             the clock is ahead by this\n"
-    "  drift CAM PPM           the clock runs faster by this\n"
-    "  ptp-offset CAM US       as a PTP slave it is off by this\n"
-    "  jump CAM SECONDS        the clock jumps\n"
-    "  ids CAM [NUMBER]        frame numbers begin again, with 1 or this\n"
-    "  freeze CAM on|off       image and time stamp stand still\n"
-    "  still CAM on|off        only the image stands still\n"
-    "  stuck CAM on|off        only the clock stands still\n"
-    "  no-ptp CAM on|off       it does not hear the PTP master\n"
-    "  ptp-master CAM on|off   it is the PTP master itself\n"
-    " Lens and sensor; light passes them in this order, then come noise and clipping:\n"
-    "  cap CAM on|off          the lens cap is on\n"
-    "  flood CAM on|off        evenly bright, saturated\n"
-    "  flat CAM N              a diffuse source at half of full scale, at place N;\n"
-    "                          0: none\n"
-    "  empty CAM on|off        there is no flame\n"
-    "  shift CAM X:Y           the picture moves by X pixels right, Y down\n"
-    "  blur CAM PIXELS         Gaussian, standard deviation\n"
-    "  mirrored CAM on|off     left is right\n"
-    "  background CAM V        faint uneven light behind the flame, share of full scale\n"
-    "  vignetting CAM V        loss of light in the corners, 0 to 0.99\n"
-    "  exposure CAM V          factor on the light, for a ladder of exposures (1)\n"
-    "  gain CAM V              factor on the signal (1)\n"
-    "  response CAM V          exponent of the sensor (1: linear)\n"
-    "  pedestal CAM V          black level, share of full scale, instead of --black\n"
-    "  hot CAM V               share of pixels that are hot, always the same\n"
-    " Cameras and network:\n"
-    "  kill CAM, revive CAM, reboot CAM [SECONDS]\n"
-    "  trigger-mode CAM 0|1    change TriggerMode without telling the client\n"
-    "  lock-trigger CAM on|off TriggerMode cannot be set during acquisition\n"
-    "  line HZ, pulse          pulses, or one pulse, on the trigger line of all cameras\n"
-    "                          (TriggerSource Line1)\n"
-    "  link MBIT_S [KIB]       capacity of the network (0: no limit), buffer of the switch\n"
-    "  switch SECONDS          the switch restarts: nothing passes for this time\n"
-    "  pose NUMBER             the board goes to this pose, counted from 0\n"
-    "  stats                   print what was sent, lost and ignored\n"
-    "\n"
-    "Examples:\n"
-    "  pyrovox simcams --private-net -- arv-tool-0.8\n"
-    "      what Aravis' own tool sees\n"
-    "  pyrovox simcams --rig rig.yaml --set 'drop cam3 0.05' --at 20:'kill cam1' \\\n"
-    "          --address 127.0.0.2\n"
-    "      your own rig, with faults, on addresses of this host\n"
-    "  pyrovox simcams --private-net --set 'line 30' --at 10:'miss cam2 0.1' \\\n"
-    "          -- pyrovoxd --config my.yaml\n"
-    "      a trigger line; after 10 s one camera misses a tenth of the pulses\n"
-    "  pyrovox simcams --private-net --at 10:'cap cam2 on' --at 20:'cap cam2 off' \\\n"
-    "          --set 'shift cam3 64:0' --set 'gain cam1 0.5' -- pyrovoxd --config my.yaml\n"
+#define EXAMPLES                                                                        \
+    "\nExamples:\n"                                                                     \
+    "  pyrovox simcams --private-net -- pyrovoxd --config my.yaml\n"                    \
+    "      eight cameras and a daemon, as an ordinary user\n"                           \
+    "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"       \
+    "      a recording to try pyrovox reconstruct on\n"                                 \
+    "  pyrovox simcams --private-net --at 10:'cap cam2 on' --at 20:'cap cam2 off' \\\n" \
+    "          --set 'shift cam3 64:0' --set 'gain cam1 0.5' \\\n"                      \
+    "          -- pyrovoxd --config my.yaml\n"                                          \
     "      how the daemon reacts to a lens cap, a bumped tripod, another gain\n"
-    "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"
-    "      a recording to try pyrovox reconstruct on\n"
-    "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 \\\n"
-    "          --board charuco:5x6:0.14:0.105:two-sided -- pyrovox calibrate live ...\n"
-    "      cameras that see a board; `pyrovox calibrate live --help` has the rest\n";
+#define MORE                                                                                  \
+    "  pyrovox simcams --private-net -- arv-tool-0.8\n"                                       \
+    "      what Aravis' own tool sees\n"                                                      \
+    "  pyrovox simcams --rig rig.yaml --set 'drop cam3 0.05' --at 20:'kill cam1' \\\n"        \
+    "          --address 127.0.0.2\n"                                                         \
+    "      your own rig, with faults, on addresses of this host\n"                            \
+    "  pyrovox simcams --private-net --set 'line 30' --at 10:'miss cam2 0.1' \\\n"            \
+    "          -- pyrovoxd --config my.yaml\n"                                                \
+    "      a trigger line; after 10 s one camera misses a tenth of the pulses\n"              \
+    "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 \\\n"              \
+    "          --board charuco:5x6:0.14:0.105:two-sided \\\n"                                 \
+    "          -- pyrovox calibrate live --config sim.yaml \\\n"                              \
+    "          --board charuco:5x6:0.14:0.105:two-sided \\\n"                                 \
+    "          --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml\n"                               \
+    "      cameras that see a board; `pyrovox calibrate live --help` makes sim.yaml\n"        \
+    "\n"                                                                                      \
+    "Lines for --set, --at and --control (CAM is a name, or all):\n"                          \
+    " Frames and packets, V a share from 0 to 1:\n"                                           \
+    "  drop CAM V              frames that are never sent\n"                                  \
+    "  loss CAM V              packets that are lost\n"                                       \
+    "  reorder CAM V           packets that another one overtakes\n"                          \
+    "  duplicate CAM V         packets that are sent twice\n"                                 \
+    "  size CAM V              frames with a wrong width, or cut short\n"                     \
+    "  corrupt CAM V           frames with a garbled packet\n"                                \
+    "  miss CAM V              triggers that are ignored\n"                                   \
+    "  hostile CAM V           frames and answers with malformed packets\n"                   \
+    " Times:\n"                                                                               \
+    "  delay CAM MS            frames are sent this much later\n"                             \
+    "  jitter CAM MS           and by up to this much more\n"                                 \
+    "  late CAM N              the image is N frames old, its time stamp is not\n"            \
+    "  skew CAM US             the clock is ahead by this\n"                                  \
+    "  drift CAM PPM           the clock runs faster by this\n"                               \
+    "  ptp-offset CAM US       as a PTP slave it is off by this\n"                            \
+    "  jump CAM SECONDS        the clock jumps\n"                                             \
+    "  ids CAM [NUMBER]        frame numbers begin again, with 1 or this\n"                   \
+    "  freeze CAM on|off       image and time stamp stand still\n"                            \
+    "  still CAM on|off        only the image stands still\n"                                 \
+    "  stuck CAM on|off        only the clock stands still\n"                                 \
+    "  no-ptp CAM on|off       it does not hear the PTP master\n"                             \
+    "  ptp-master CAM on|off   it is the PTP master itself\n"                                 \
+    " Lens and sensor; light passes them in this order, then come noise and clipping:\n"      \
+    "  cap CAM on|off          the lens cap is on\n"                                          \
+    "  flood CAM on|off        evenly bright, saturated\n"                                    \
+    "  flat CAM N              a diffuse source at half of full scale, at place N;\n"         \
+    "                          0: none\n"                                                     \
+    "  empty CAM on|off        there is no flame\n"                                           \
+    "  shift CAM X:Y           the picture moves by X pixels right, Y down\n"                 \
+    "  blur CAM PIXELS         Gaussian, standard deviation\n"                                \
+    "  mirrored CAM on|off     left is right\n"                                               \
+    "  background CAM V        faint uneven light behind the flame, share of full scale\n"    \
+    "  vignetting CAM V        loss of light in the corners, 0 to 0.99\n"                     \
+    "  exposure CAM V          factor on the light, for a ladder of exposures (1)\n"          \
+    "  gain CAM V              factor on the signal (1)\n"                                    \
+    "  response CAM V          exponent of the sensor (1: linear)\n"                          \
+    "  pedestal CAM V          black level, share of full scale, instead of --black\n"        \
+    "  hot CAM V               share of pixels that are hot, always the same\n"               \
+    " Cameras and network:\n"                                                                 \
+    "  kill CAM, revive CAM, reboot CAM [SECONDS]\n"                                          \
+    "  trigger-mode CAM 0|1    change TriggerMode without telling the client\n"               \
+    "  lock-trigger CAM on|off TriggerMode cannot be set during acquisition\n"                \
+    "  line HZ, pulse          pulses, or one pulse, on the trigger line of all cameras\n"    \
+    "                          (TriggerSource Line1)\n"                                       \
+    "  link MBIT_S [KIB]       capacity of the network (0: no limit), buffer of the switch\n" \
+    "  switch SECONDS          the switch restarts: nothing passes for this time\n"           \
+    "  pose NUMBER             the board goes to this pose, counted from 0\n"                 \
+    "  stats                   print what was sent, lost and ignored\n"
 
 static void want_format(struct argp_state *st, const char *arg, struct simcams_args *a)
 {
@@ -210,7 +215,10 @@ void simcams_options(int argc, char **argv, struct simcams_args *a)
                                .black = 2,
                                .noise = {0.5, 0.5, 0.5},
                                .fmt = CAP_RGB8};
-    const struct argp argp = {
-        .parser = simcams_parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};
+    bool all = cli_help_all(argc, argv,
+                            "rig cameras size fps noise private-net write-rig write-frames set at");
+    const struct argp argp = {.parser = simcams_parse_opt,
+                              .args_doc = "[-- COMMAND ARGS...]",
+                              .doc = all ? INTRO EXAMPLES MORE : INTRO EXAMPLES};
     cli_parse(rows, &argp, ARGP_IN_ORDER, argc, argv, a);
 }

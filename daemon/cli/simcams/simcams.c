@@ -57,13 +57,15 @@ static void raise_cameras(struct rec_rig *rig, double height)
 
 static pvx_err get_rig(const struct simcams_args *a, struct rec_rig *rig, struct pvx_diag *d)
 {
-    if (a->rig != NULL)
+    if (a->rig != NULL) {
         PVX_TRY(rec_rig_load(a->rig, rig, d));
-    else
+    } else {
         PVX_TRY(rec_rig_ring((size_t)a->cameras, a->radius, a->width, a->height, (int32_t)a->voxels,
                              rig));
-    if (a->rig == NULL && a->raise > 0)
-        raise_cameras(rig, a->raise);
+        rig->grid.basis = REC_BASIS_DEFAULT;
+        if (a->raise > 0)
+            raise_cameras(rig, a->raise);
+    }
     if (a->write_rig == NULL)
         return PVX_OK;
     return opt_rig_save(rig, NULL, a->write_rig, d);

@@ -62,6 +62,8 @@ export class Cameras {
       k.state = lost ? `${c.state}${c.error ? ": " + c.error : ""}` : "";
       k.check = c.check?.wrong ? c.check.text : "";
       k.moved = c.rig?.moved ? "it has moved: pyrovox calibrate refine" : "";
+      const own = c.selfcal?.corrected && c.selfcal;
+      k.own = own ? `corrected: gain ${own.gain.toFixed(2)} ± ${own.gain_error.toFixed(2)}, aim ${Math.hypot(own.right_px, own.down_px).toFixed(2)} ± ${Math.hypot(own.right_error_px, own.down_error_px).toFixed(2)} px` : "";
       k.fps = c.fps;
       k.box.classList.toggle("out", out || lost);
       states.set(c.name, out || lost || k.check || k.moved ? "bad" : "good");
@@ -70,7 +72,7 @@ export class Cameras {
     this.changed(states);
   }
   say(k) {
-    const words = [k.state, k.vote, k.check, k.moved, k.sat].filter(Boolean).join(" · ") || (k.fps ? `${k.fps.toFixed(0)} Hz, good` : "");
+    const words = [k.state, k.vote, k.check, k.moved, k.sat].filter(Boolean).join(" · ") || [k.fps ? `${k.fps.toFixed(0)} Hz, good` : "", k.own].filter(Boolean).join(" · ");
     if (k.words.textContent !== words) k.words.textContent = words;
   }
 }

@@ -1,9 +1,9 @@
-// A small time line: the last values as a line, the newest and the largest in words.
+// A small time line: the last values over the seconds in which they came, from 0 to the largest.
 const KEEP = 240;
 
 export class Chart {
   constructor(parent, name, unit, digits = 1) {
-    this.v = [];
+    this.clear();
     this.unit = unit;
     this.digits = digits;
     const box = document.createElement("div"), title = document.createElement("span");
@@ -18,21 +18,43 @@ export class Chart {
   add(x) {
     if (!Number.isFinite(x)) return;
     this.v.push(x);
-    if (this.v.length > KEEP) this.v.shift();
+    this.t.push(performance.now() / 1000);
+    if (this.v.length > KEEP) { this.v.shift(); this.t.shift(); }
     this.dirty = true;
   }
-  clear() { this.v = []; this.dirty = true; }
+  clear() { this.v = []; this.t = []; this.dirty = true; }
   draw() {
     if (!this.dirty) return;
     this.dirty = false;
-    const k = this.canvas, c = k.getContext("2d"), w = k.width = k.clientWidth || 120, h = k.height = k.clientHeight || 26;
-    const top = Math.max(...this.v, 1e-12), now = this.v[this.v.length - 1];
+    const k = this.canvas, c = k.getContext("2d"), dpr = Math.min(devicePixelRatio || 1, 2), w = k.clientWidth || 120, h = k.clientHeight || 52;
+    k.width = w * dpr;
+    k.height = h * dpr;
+    c.scale(dpr, dpr);
+    const n = this.v.length, top = Math.max(...this.v, 1e-12), now = this.v[n - 1];
     this.words.textContent = now === undefined ? "–" : `${now.toFixed(this.digits)}${this.unit ? " " + this.unit : ""}`;
-    this.words.title = `largest ${top.toFixed(this.digits)} ${this.unit}`;
+    if (!n) return;
+    const high = top.toFixed(this.digits), from = this.t[0], span = this.t[n - 1] - from;
+    c.font = "11px system-ui, sans-serif";
+    c.fillStyle = c.strokeStyle = "#aab4c2";
+    const left = Math.ceil(c.measureText(high).width) + 5, low = h - 14, high_y = 5;
+    c.textAlign = "right";
+    c.fillText(high, left - 4, high_y + 4);
+    c.fillText("0", left - 4, low + 2);
+    c.fillText("0 s", w, h - 1);
+    c.textAlign = "left";
+    if (span > 0) c.fillText(`−${span.toFixed(span < 10 ? 1 : 0)} s`, left, h - 1);
+    c.lineWidth = 1;
+    c.globalAlpha = 0.45;
+    c.beginPath();
+    c.moveTo(left + 0.5, high_y);
+    c.lineTo(left + 0.5, low + 0.5);
+    c.lineTo(w, low + 0.5);
+    c.stroke();
+    c.globalAlpha = 1;
     c.strokeStyle = "#ff9d47";
     c.lineWidth = 1.25;
     c.beginPath();
-    this.v.forEach((x, i) => c[i ? "lineTo" : "moveTo"](i / (KEEP - 1) * w, h - 2 - x / top * (h - 5)));
+    this.v.forEach((x, i) => c[i ? "lineTo" : "moveTo"](left + (span > 0 ? (this.t[i] - from) / span : 1) * (w - left - 1), low - x / top * (low - high_y)));
     c.stroke();
   }
 }

@@ -17,6 +17,7 @@ let dirty = false, whole = false, moved = 0, drawing = false, pending = null, en
 
 function state(words, kind = "") { const s = $("state"); if (s.textContent !== words) s.textContent = words; s.className = kind; }
 function notice(words) { const n = $("notice"); n.hidden = !words; if (n.textContent !== words) n.textContent = words; }
+function verdict(words) { const v = $("verdict"); v.hidden = !words; if (v.textContent !== words) v.textContent = words; v.className = words.startsWith("bad") ? "bad" : ""; }
 function change() { dirty = true; whole = false; moved = performance.now(); }
 
 // The three projections, from now on.
@@ -99,10 +100,12 @@ function legend() {
   $("map-unit").textContent = flame.look.slices ? "1/m" : "pixel value";
 }
 
+function lostSum() { $("lost-sum").textContent = lost.words(view.words?.volumes_drawn || 0); }
+
 // A volume that is not shown: counted, and the next one asked for.
 function passOver(cause) {
   lost.more("page", cause);
-  $("lost-sum").textContent = lost.sum;
+  lostSum();
   link.say({ credits: 1 });
 }
 function take(v) {
@@ -162,6 +165,7 @@ const link = new Link(token, {
       link.again();
     }
     state("connected, waiting for volumes");
+    for (const say of metres) say();
     legend();
     change();
   },
@@ -173,7 +177,7 @@ const link = new Link(token, {
     const c = m.status.check, p = $("check");
     p.hidden = !c || !c.checks;
     p.textContent = c?.checks ? `calibrate check: ${c.text || c.outcome}` : "";
-    $("lost-sum").textContent = lost.sum;
+    lostSum();
   },
   event: (m) => {
     const li = document.createElement("li"), { kind, time_ns: t, version: _, ...rest } = m.event;
@@ -188,10 +192,11 @@ const link = new Link(token, {
     if (m.rig) { overlay.rig = m.rig.cameras; change(); }
     if (m.film) player.film(m.film);
     if (m.orders) orders.words(m.orders);
+    verdict(ended || (m.link?.silent_s ?? 0) >= 3 ? "" : m.verdict || "");
     if (!m.link) return;
     view.words = m.link;
     lost.link(m.link);
-    $("lost-sum").textContent = lost.sum;
+    lostSum();
     if (m.link.whole_ms[0] !== null) charts.way.add(m.link.whole_ms[0]);
     if (ended || view.link !== "open") return;
     if (view.set >= 0 && (m.film || m.link.silent_s < 3)) state(!m.film ? "live" : m.film.playing ? "playing" : "paused", "live");
@@ -243,23 +248,29 @@ on("frusta", () => { overlay.show.cameras = $("frusta").checked; change(); });
 overlay.show.cameras = $("frusta").checked;
 on("slices", () => { flame.look.slices = $("slices").checked; legend(); change(); });
 on("silhouettes", () => { cameras.silhouettes = $("silhouettes").checked; });
-function slider(parent, words, value, set) {
-  const row = document.createElement("label"), range = document.createElement("input");
+const metres = []; // each says where its slider stands, anew when the box is another
+function slider(parent, a, words, value, set) {
+  const row = document.createElement("label"), range = document.createElement("input"), out = document.createElement("output");
   row.className = "row";
   Object.assign(range, { type: "range", min: 0, max: 1, step: 0.005, value });
-  range.addEventListener("input", () => { set(Number(range.value)); change(); });
-  row.append(words, range);
+  const say = () => {
+    const g = view.start?.grid, size = g ? g.max[a] - g.min[a] : 0;
+    out.textContent = g ? `${(g.min[a] + Number(range.value) * size).toFixed(size < 0.2 ? 4 : 3)} m` : "";
+  };
+  metres.push(say);
+  range.addEventListener("input", () => { set(Number(range.value)); say(); change(); });
+  row.append(words, out, range);
   $(parent).append(row);
   return range;
 }
 if (flame.look.sliceAt) {
-  ["x", "y", "z"].forEach((a, i) => slider("slice-rows", `slice across ${a}`, 0.5, (x) => { flame.look.sliceAt[i] = x; }));
+  ["x", "y", "z"].forEach((a, i) => slider("slice-rows", i, `slice across ${a}`, 0.5, (x) => { flame.look.sliceAt[i] = x; }));
   const clips = [];
   ["x", "y", "z"].forEach((a, i) => {
-    clips.push(slider("clip-rows", `show ${a} from`, 0, (x) => { flame.look.clip[i] = Math.min(x, flame.look.clip[i + 3]); }));
-    clips.push(slider("clip-rows", `show ${a} to`, 1, (x) => { flame.look.clip[i + 3] = Math.max(x, flame.look.clip[i]); }));
+    clips.push(slider("clip-rows", i, `show ${a} from`, 0, (x) => { flame.look.clip[i] = Math.min(x, flame.look.clip[i + 3]); }));
+    clips.push(slider("clip-rows", i, `show ${a} to`, 1, (x) => { flame.look.clip[i + 3] = Math.max(x, flame.look.clip[i]); }));
   });
-  $("unclip").onclick = () => { flame.look.clip = [0, 0, 0, 1, 1, 1]; clips.forEach((c, i) => { c.value = i & 1; }); change(); };
+  $("unclip").onclick = () => { flame.look.clip = [0, 0, 0, 1, 1, 1]; clips.forEach((c, i) => { c.value = i & 1; }); for (const say of metres) say(); change(); };
 }
 const panel = $("cameras").closest("details");
 panel.addEventListener("toggle", () => link.say({ previews: panel.open }));

@@ -66,33 +66,35 @@ vec3 integral(vec3 o, vec3 d) {
 
 vec3 srgb(vec3 v) { return mix(12.92 * v, 1.055 * pow(max(v, 0.0), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, v)); }
 
-// The nearest of the slices that the ray meets: its distance, and the value there, 1/m.
-float slice(vec3 o, vec3 d, out vec3 v) {
-  float best = 1e30;
+// The nearest slice with light that the ray meets: the value there, 1/m.  Dark places are glass: what is behind them
+// shows.  Returns how many of them the ray went through.
+float slice(vec3 o, vec3 d, float dark, out vec3 v) {
+  float best = 1e30, panes = 0.0;
   v = vec3(0);
   for (int k = 0; k < 3; k++) {
     float t = (slice_at[k] - o[k]) / d[k];
     vec3 p = o + d * t;
     p[k] = slice_at[k];
     if (slice_on[k] > 0.5 && t > 0.0 && t < best && all(greaterThanEqual(p, lo - 1e-3)) && all(lessThanEqual(p, hi + 1e-3))) {
+      vec3 here = trilinear == 1 ? point(p) : texelFetch(voxels, ivec3(clamp(floor(p), vec3(0), grid - 1.0)) + 1, 0).rgb;
+      if (most(here) <= dark) { panes++; continue; }
       best = t;
-      v = trilinear == 1 ? point(p) : texelFetch(voxels, ivec3(clamp(floor(p), vec3(0), grid - 1.0)) + 1, 0).rgb;
+      v = here;
     }
   }
-  return best;
+  return panes;
 }
 
 void main() {
   vec3 d = forward + at.x * right + at.y * up, v;
   d /= length(d * metres);                 // t is metres
-  float alpha = 1.0;
   if (slices == 1) {
-    float t = slice(eye, d, v);
-    v *= least(grid * metres) * 0.25;        // a slice is as bright as a quarter of the box of that
-    if (t > 1e29) { alpha = 0.0; v = vec3(0); }
+    float deep = least(grid * metres) * 0.25; // a slice is as bright as a quarter of the box of that
+    float panes = slice(eye, d, 0.002 / (deep * exposure), v);
+    if (v == vec3(0)) { colour = vec4(vec3(0.016, 0.02, 0.027) + panes * vec3(0.02, 0.023, 0.027), 1.0); return; }
+    v *= deep;
   } else v = integral(eye, d);
   if (count == 1) { colour = vec4(float(samples) / 1024.0, 0, 0, 1); return; }
   v *= exposure;
   colour = vec4(grey == 1 ? texture(colours, vec2((srgb(clamp(v.rrr, 0.0, 1.0)).r * 255.0 + 0.5) / 256.0, 0.5)).rgb : srgb(clamp(v, 0.0, 1.0)), 1.0);
-  if (alpha == 0.0) colour = vec4(0.016, 0.02, 0.027, 1.0);
 }`;

@@ -2,7 +2,7 @@
  *
  * Each runs over the fixed chunks of subsys.h and writes its sums to the partial results of the workspace, so nothing
  * depends on the threads.  Except for the FMA of the gather kernels, nothing depends on the instruction set either.
- * Equations (1) to (5) are those of pcg.c.
+ * Equations (1) to (6) are those of pcg.c.
  * Private to the solver. */
 #ifndef REC_PCG_PASS_H
 #define REC_PCG_PASS_H
@@ -15,6 +15,7 @@ enum { S_A, S_B, S_C };
 struct rec_pcg_passes {
     pvx_task_fn expected;  /* lhat = a L expect */
     pvx_task_fn begin;     /* neighbours; V = 1; d = 0 */
+    pvx_task_fn scale;     /* S of (6) */
     pvx_task_fn direction; /* (4); sum A: d'phi */
     pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
     pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */
@@ -36,6 +37,7 @@ struct rec_pcg {
     struct rec_stiff stiff;              /* [n] V of (1) */
     float *x, *next, *phi, *phi_old, *d; /* x space */
     float *lx, *ar;                      /* V L x, A'W r */
+    float *scale;                        /* S of (6), [n][cs] */
     const float *expect;                 /* or NULL */
     float *lhat;                         /* a L expect */
     double nu[4];

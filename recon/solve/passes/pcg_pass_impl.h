@@ -72,14 +72,21 @@ static void begin_chunk(void *ctx, size_t k)
         t->stiff.by[q] = t->stiff.inverse[q] = 1;
 }
 
-/* M at float i; b: lambda. */
-REC_INLINE rec_fw inverse_diagonal(const struct elements *e, size_t i, size_t m, size_t cs)
+/* b: lambda. */
+REC_INLINE void scale(struct elements *e, size_t i, size_t m, size_t cs)
 {
     rec_fw zero = {0}, h = e->share * rec_wide_each(e->diag, i, m, cs) +
                            e->b * rec_wide_each(e->v.stiff.diag, i, m, cs);
     if (e->v.expect != NULL)
         h += e->b * rec_wide_lanes(e->v.nu, cs);
-    return rec_wide_select(h > 0, rec_wide_splat(1) / h, zero);
+    /* 1/V is the square root of y / y_usual + 0.09 */
+    rec_fw s = rec_wide_root(rec_wide_root(rec_wide_each(e->v.stiff.inverse, i, m, cs)) / h);
+    rec_put_wide(e->v.scale, i, m, rec_wide_select(h > 0, s, zero));
+}
+static void scale_chunk(void *ctx, size_t k)
+{
+    struct rec_pcg *t = ctx;
+    OVER_COLUMNS(t, k, k, scale, nothing, t->lambda, NULL, 0);
 }
 
 /* d of (4), and d'phi.  a: beta. */
@@ -87,8 +94,8 @@ REC_INLINE void direction(struct elements *e, size_t i, size_t m, size_t cs)
 {
     const struct rec_pcg *t = &e->v;
     rec_fw phi = rec_wide(t->phi, i, m), x = rec_wide(t->x, i, m), zero = {0};
-    rec_fw mu = rec_wide_lanes(t->mu, cs);
-    rec_fw d = e->a * rec_wide(t->d, i, m) - mu * inverse_diagonal(e, i, m, cs) * phi;
+    rec_fw mu = rec_wide_lanes(t->mu, cs), s = rec_wide(t->scale, i, m), z = s * phi;
+    rec_fw d = e->a * rec_wide(t->d, i, m) - mu * s * z;
     d = rec_wide_select((x > 0) | (phi < 0), d, zero);
     rec_put_wide(t->d, i, m, d);
     rec_wide_add(&e->sum[S_A], e->half, d, phi);
@@ -301,9 +308,9 @@ REC_INLINE void gradient(struct elements *e, size_t i, size_t m, size_t cs)
         g += e->b * rec_wide_lanes(t->nu, cs) * (x - rec_wide(t->expect, i, m));
     g = rec_wide_select((x > 0) | (g < 0), g, zero);
     rec_put_wide(t->phi, i, m, g);
-    rec_fw mg = inverse_diagonal(e, i, m, cs) * g;
-    rec_wide_add(&e->sum[S_A], e->half, mg, g);
-    rec_wide_add(&e->sum[S_B], e->half, mg, rec_wide(t->phi_old, i, m));
+    rec_fw s = rec_wide(t->scale, i, m), sg = s * g;
+    rec_wide_add(&e->sum[S_A], e->half, sg, sg);
+    rec_wide_add(&e->sum[S_B], e->half, s * sg, rec_wide(t->phi_old, i, m));
 }
 static void regradient_chunk(void *ctx, size_t k)
 {
@@ -350,6 +357,7 @@ void PASSES(struct rec_pcg_passes *p)
     *p = (struct rec_pcg_passes){
         .expected = expected_chunk,
         .begin = begin_chunk,
+        .scale = scale_chunk,
         .direction = direction_chunk,
         .curvature = curvature_task,
         .step = step_chunk,

@@ -28,8 +28,9 @@ static struct verdict verdict_of(const struct calibrate_result *r)
     const char *word = rec_calib_verdict(&u);
     bool warned = rec_calib_says(r->report, REC_CALIB_WARNING, -1);
     const char *class = class_of(word);
-    return strcmp(class, "good") == 0        ? (struct verdict){warned ? "warn" : class, "Good"}
-           : strcmp(class, "warn") == 0      ? (struct verdict){class, "Just enough"}
+    return strcmp(class, "good") == 0   ? warned ? (struct verdict){"warn", "Good, with warnings"}
+                                                 : (struct verdict){class, "Good"}
+             : strcmp(class, "warn") == 0 ? (struct verdict){class, "Just enough"}
            : strcmp(word, "not enough") == 0 ? (struct verdict){class, "Not enough"}
                                              : (struct verdict){class, "Does not see the volume"};
 }

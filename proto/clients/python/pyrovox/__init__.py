@@ -1,12 +1,12 @@
 """Volumes of a pyrovoxd: live over the network, and from recordings.
 
     import pyrovox
-    for v in pyrovox.subscribe("tcp://lab:5555", key="me.key", newest=True):
+    for v in pyrovox.subscribe():        # the daemon of this host; of another: ("tcp://lab:5555", key="me.key")
         v.dense                  # float32 [z][y][x][c]: emission per metre
         v.to_xarray()            # the same with metres and time
 
     with pyrovox.open("volumes.h5") as recording:
-        recording[1200]          # set 1200
+        recording[0], recording[-1], recording.set(1200)
         recording[np.datetime64("2026-11-23T12:00:00")]   # the nearest in time
         for v in recording: ...
 

@@ -234,11 +234,20 @@ class Subscription:
         return v
 
 
-def subscribe(endpoint: str, *, key: Optional[Union[str, "os.PathLike[str]"]] = None, newest: bool = False,
+def endpoint_here() -> str:
+    """As `pyrovox status` finds it: the service that this process is of, a daemon of this user, the installed one."""
+    run = os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    own, installed = f"/tmp/pyrovox-{os.geteuid()}/volumes", "/run/pyrovox/volumes"
+    if 0 < len(run) < 128 and run[0] == "/":
+        return f"ipc://{run}/volumes"
+    return f"ipc://{installed if os.path.exists(installed) and not os.path.exists(own) else own}"
+
+
+def subscribe(endpoint: Optional[str] = None, *, key: Optional[Union[str, "os.PathLike[str]"]] = None, newest: bool = False,
               timeout: Optional[float] = None, memory: int = _page.MEMORY) -> Subscription:
     """Volumes of the daemon at `endpoint`; it need not run yet, and may be started anew.
 
-    endpoint  ipc:///run/pyrovox/volumes or tcp://HOST:5555
+    endpoint  ipc:///run/pyrovox/volumes or tcp://HOST:5555; None: the daemon of this user, or of this host
     key       your .key file, for a daemon that asks for one (pyrovox keygen --server)
     newest    only the newest volume that is there, each time one is asked for
     timeout   seconds without a volume after which TimeoutError is raised; None: never
@@ -253,4 +262,4 @@ def subscribe(endpoint: str, *, key: Optional[Union[str, "os.PathLike[str]"]] = 
     >>> async for v in pyrovox.subscribe("tcp://lab:5555"):                          # doctest: +SKIP
     ...     await show(v)
     """
-    return Subscription(endpoint, key, newest, timeout, memory)
+    return Subscription(endpoint or endpoint_here(), key, newest, timeout, memory)

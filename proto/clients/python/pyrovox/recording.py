@@ -78,10 +78,10 @@ class Recording:
     """What open() returns: volumes in the order of the recording, read when they are asked for.
 
         len(r), for v in r          how many, each
-        r[1200], r[-1]              set 1200; the last one
+        r[0], r[-1]                 the first, the last
         r[np.datetime64(...)]       the nearest in time; also datetime (without a zone: UTC)
-        r[1200:1300], r[t0:t1:10]   a list: sets 1200 to 1299; every tenth from t0, before t1; r[-5:]
-        r.at(k)                     the k-th
+        r[10:20], r[t0:t1:10]       a list; every tenth from t0, before t1; r[-5:]
+        r.set(1200)                 the one of frame set 1200
         r.sets, r.times             of all: numbers; np.datetime64 [ns]
         r.grid, r.session, r.rig_hash, r.fps, r.units, r.rig, r.config, r.gaps
         r.closed                    False: cut off, or still being written
@@ -155,64 +155,54 @@ class Recording:
     def __len__(self) -> int:
         return len(self._source.sets)
 
-    def at(self, k: int) -> Volume:
-        """The k-th volume, from 0; from the end where k is negative.
+    def set(self, number: int) -> Volume:
+        """The volume of a frame set, by its number; KeyError says why there is none.
 
-        >>> r.at(0).set                     # doctest: +SKIP
+        >>> r.set(1200).dense               # doctest: +SKIP
         """
-        n = len(self)
-        if not -n <= k < n:
-            raise IndexError(f"{self.path}: has {n} volumes, none is number {k}")
-        v = self._source.volume(k % n)
-        v.lost = sum(g.volumes for g in self.gaps if g.set_first < v.set)
-        return v
-
-    def _position(self, key: Union[int, Time]) -> int:
-        if isinstance(key, (np.datetime64, datetime.datetime)):
-            if len(self) == 0:
-                raise KeyError(f"{self.path}: is empty")
-            t = nanoseconds(key)
-            return int(np.argmin(np.abs(self._source.t_exposure_ns.astype(np.float64) - t)
-                                 if abs(t) > 1 << 62 else np.abs(self._source.t_exposure_ns - t)))
-        key = operator.index(key)
-        if key < 0:
-            return key
-        found = np.flatnonzero(self._source.sets == key)
+        found = np.flatnonzero(self._source.sets == number)
         if len(found) == 0:
-            why = [g.why for g in self.gaps if g.set_first <= key <= g.set_last]
-            raise KeyError(f"{self.path}: has no set {key}" + (f" ({why[0]})" if why else ""))
-        return int(found[0])
+            why = [g.why for g in self.gaps if g.set_first <= number <= g.set_last]
+            raise KeyError(f"{self.path}: has no set {number}" + (f" ({why[0]})" if why else ""))
+        return self[int(found[0])]
 
-    def _from(self, bound: Optional[Union[int, Time]]) -> npt.NDArray[np.bool_]:
+    def _nearest(self, time: Time) -> int:
+        if len(self) == 0:
+            raise KeyError(f"{self.path}: is empty")
+        t = nanoseconds(time)
+        return int(np.argmin(np.abs(self._source.t_exposure_ns.astype(np.float64) - t)
+                             if abs(t) > 1 << 62 else np.abs(self._source.t_exposure_ns - t)))
+
+    def _from(self, bound: Union[int, Time]) -> npt.NDArray[np.bool_]:
         """Which volumes are not before a slice's bound."""
-        n = len(self)
-        if bound is None:
-            return np.ones(n, bool)
         if isinstance(bound, (np.datetime64, datetime.datetime)):
             return np.asarray(self._source.t_exposure_ns >= nanoseconds(bound))
-        if bound < 0:
-            return np.arange(n) >= n + bound
-        return np.asarray(self._source.sets >= bound)
+        return np.arange(len(self)) >= bound + (len(self) if bound < 0 else 0)
 
     @overload
     def __getitem__(self, key: slice) -> list[Volume]: ...
     @overload
     def __getitem__(self, key: Union[int, Time]) -> Volume: ...
     def __getitem__(self, key: Union[int, Time, slice]) -> Union[Volume, list[Volume]]:
+        n = len(self)
         if not isinstance(key, slice):
-            k = self._position(key)
-            return self.at(k)
-        which = self._from(key.start)
+            k = self._nearest(key) if isinstance(key, (np.datetime64, datetime.datetime)) else operator.index(key)
+            if not -n <= k < n:
+                raise IndexError(f"{self.path}: has {n} volumes, none is number {k}; r.set({k}) is the one of set {k}")
+            v = self._source.volume(k % n)
+            v.lost = sum(g.volumes for g in self.gaps if g.set_first < v.set)
+            return v
+        which = np.ones(n, bool) if key.start is None else self._from(key.start)
         if key.stop is not None:
             which &= ~self._from(key.stop)
-        return [self.at(int(k)) for k in np.flatnonzero(which)[:: key.step]]
+        return [self[int(k)] for k in np.flatnonzero(which)[:: key.step]]
 
     def __iter__(self) -> Iterator[Volume]:
         """All volumes; with `follow` also those that are still to come, until the recording is closed."""
         k, since = 0, clock.monotonic()
         while True:
             while k < len(self):
-                yield self.at(k)
+                yield self[k]
                 k, since = k + 1, clock.monotonic()
             if not self._follow or self.closed:
                 return
