@@ -23,6 +23,10 @@ trap 'rm -rf "$notes"' EXIT
 # t.h: seconds, processor seconds and name of each case.  lib/main.c: the name of each program at each thread it starts.
 export T_TIMES=$notes/cases T_THREADS=$notes/threads
 : > "$T_TIMES"; : > "$T_THREADS"
+# Of a program's output: each PASS and SKIP, and each FAIL with the 60 lines before it that are neither.
+shown='/^(PASS|SKIP) / { print; n = 0; next }
+       { said[n++] = $0 }
+       /^FAIL / { for (i = n > 60 ? n - 60 : 0; i < n; i++) print said[i]; n = 0 }'
 one() { # number, name, timeout, command...
     local n=$notes/$1 name=$2 limit=$3 out rc spent p f s; shift 3
     TIMEFORMAT='%R %U %S'
@@ -38,8 +42,7 @@ one() { # number, name, timeout, command...
     elif [ $((p + f + s)) -eq 0 ]; then
         if [ $rc -eq 0 ]; then p=1; out="PASS $name"; fi
     fi
-    if [ "$f" -gt 0 ]; then out=$(tail -n 60 <<< "$out"); else out=$(grep -E '^(PASS|SKIP) ' <<< "$out"); fi
-    flock "$notes" printf '%s\n' "$out"
+    flock "$notes" awk "$shown" <<< "$out"
     echo "$p $f $s" > "$n.sums"
 }
 started=0
