@@ -9,7 +9,6 @@ struct shot {
     const struct rec_board_shot *s;
     double margin, plane; /* m: paper around the print; z of the visible face */
     bool bare;
-    double origin[3]; /* the camera's centre in board axes */
 };
 
 /* v in board axes. */
@@ -22,13 +21,13 @@ static void to_board(const double R[9], const double v[3], double out[3])
 static void shot_set_up(const struct rec_board_shot *s, struct shot *w)
 {
     const struct rec_board *b = &s->print->board;
-    double c[3], d[3];
+    double c[3], d[3], eye[3];
     *w = (struct shot){.s = s, .margin = 0.5 * s->print->pitch};
     rec_camera_centre(s->camera, c);
     for (int i = 0; i < 3; i++)
         d[i] = c[i] - s->t[i];
-    to_board(s->R, d, w->origin);
-    bool back = w->origin[2] > 0;
+    to_board(s->R, d, eye);
+    bool back = eye[2] > 0;
     w->plane = back && b->two_sided && !isnan(b->thickness) ? b->thickness : 0;
     w->bare = back && !b->two_sided;
 }
@@ -36,16 +35,19 @@ static void shot_set_up(const struct rec_board_shot *s, struct shot *w)
 /* Point where the ray of pixel (u, v) meets the face; NAN: none. */
 static void shot_meet(const struct shot *w, double u, double v, double xy[2])
 {
-    double o[3], dir[3], d[3];
+    double o[3], dir[3], d[3], from[3];
     xy[0] = xy[1] = NAN;
     if (!rec_camera_ray(w->s->camera, u, v, o, dir))
         return;
     to_board(w->s->R, dir, d);
-    double along = (w->plane - w->origin[2]) / d[2];
+    for (int i = 0; i < 3; i++)
+        o[i] -= w->s->t[i];
+    to_board(w->s->R, o, from);
+    double along = (w->plane - from[2]) / d[2];
     if (!(along > 0) || !isfinite(along))
         return;
-    xy[0] = w->origin[0] + along * d[0];
-    xy[1] = w->origin[1] + along * d[1];
+    xy[0] = from[0] + along * d[0];
+    xy[1] = from[1] + along * d[1];
 }
 
 static double level_at(const struct shot *w, double x, double y, double hx, double hy)

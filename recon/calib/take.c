@@ -65,11 +65,15 @@ static pvx_err take_check(const struct calib *k)
             return pvx_fail(k->d, PVX_EINVAL, "%s is to stay as it is, but no old rig has it",
                             m->name);
         if (old >= 0 && in->options.old->cameras[old].model != REC_PINHOLE)
-            return pvx_fail(
-                k->d, PVX_EUNSUP,
-                "%s: a fisheye in the old rig; boards give lenses with k1 k2 p1 p2 k3 "
-                "only: calibrate a fisheye with another program, and leave its pictures out",
-                m->name);
+            return pvx_fail(k->d, PVX_EUNSUP,
+                            "%s: a %s in the old rig; boards give lenses with k1 k2 p1 p2 k3 "
+                            "only: calibrate it with another program, and leave its pictures out",
+                            m->name, rec_camera_model_name(in->options.old->cameras[old].model));
+        if (old >= 0 && in->options.old->cameras[old].n_windows > 0)
+            return pvx_fail(k->d, PVX_EUNSUP,
+                            "%s: it has windows in the old rig, and a calibration does not know "
+                            "glass: leave its pictures out",
+                            m->name);
         const double *dist = old >= 0 ? in->options.old->cameras[old].dist : NULL;
         if ((m->hold & REC_HOLD_LENS) != 0 && (dist[5] != 0 || dist[6] != 0 || dist[7] != 0))
             return pvx_fail(k->d, PVX_EINVAL,

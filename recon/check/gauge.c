@@ -47,22 +47,19 @@ bool rec_camera_nudged(const struct rec_camera *c, const double X0[3], const dou
                        double uv[2], double J[14])
 {
     struct rec_projection p;
-    double Y[3], d[3];
-    if (!rec_camera_project_full(c, X, &p))
+    double Y[3], d[3], D[6]; /* d pixel / d X_c */
+    if (!rec_camera_slopes(c, X, &p, D))
         return false;
-    rotate(c->R, X, Y);
-    double Z = Y[2] + c->t[2];
     for (int a = 0; a < 3; a++)
         d[a] = X[a] - X0[a];
     rotate(c->R, d, Y); /* X_c - Y0 */
     for (int r = 0; r < 2; r++) {
-        /* d pixel / d X_c */
-        double a = p.J[2 * r] / Z, b = p.J[2 * r + 1] / Z, g[3] = {a, b, -(a * p.x + b * p.y)};
+        const double *g = D + 3 * r;
         double *j = J + 7 * r;
         j[0] = g[2] * Y[1] - g[1] * Y[2]; /* w x Y */
         j[1] = g[0] * Y[2] - g[2] * Y[0];
         j[2] = g[1] * Y[0] - g[0] * Y[1];
-        memcpy(j + 3, g, sizeof g);
+        memcpy(j + 3, g, 3 * sizeof *g);
     }
     J[6] = p.u - c->cx;
     J[13] = p.v - c->cy;

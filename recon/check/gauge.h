@@ -28,6 +28,7 @@ double rec_gauge_distance(const struct rec_rig *a, const struct rec_rig *b, doub
 void rec_camera_nudge(struct rec_camera *c, const double X0[3], const double w[3],
                       const double t[3]);
 /* J [2][7] = d pixel / d (w, t of rec_camera_nudge, ln f) of the world point X, at 0; uv may be NULL.
+ * Behind windows it is that of a camera that takes its glass along, which differs by less than 1 %.
  * false: not in front of it. */
 bool rec_camera_nudged(const struct rec_camera *c, const double X0[3], const double X[3],
                        double uv[2], double J[14]);

@@ -83,6 +83,8 @@ static struct rec_camera blind_read(const struct rec_camera *c, struct reading w
 {
     struct rec_camera o = *c;
     double t[3];
+    if (blind_changes(w) > 0)
+        o.n_windows = 0; /* they stand before the camera where it was */
     for (int i = 0; i < 3; i++)
         o.t[i] = t[i] = c->t[i] * units[w.unit].by;
     for (int i = 0; i < 9 && (w.pose == TO_WORLD || w.pose == TRANSPOSED); i++)

@@ -4,6 +4,14 @@
 #include <math.h>
 #include <string.h>
 
+#include "recon/geom/glass.h"
+
+const char *rec_camera_model_name(enum rec_camera_model m)
+{
+    static const char *const names[] = {"pinhole", "fisheye", "scheimpflug", "telecentric"};
+    return names[m];
+}
+
 enum { K1, K2, P1, P2, K3, K4, K5, K6 };
 
 /* Whether the polynomial sum a[i] t^i is above 0 on all of [0,t].  A bound from the negative terms alone decides
@@ -132,12 +140,63 @@ static void distort(const struct rec_camera *c, double x, double y, double out[2
     J[3] = s + ds * y * y + 6 * k[P1] * y + 2 * k[P2] * x;
 }
 
+/* M of (6), rows that give the sensor's (x',y') times c, and c. */
+static void tilt_rows(const struct rec_camera *c, double H[9])
+{
+    double cx = cos(c->tilt[0]), sx = sin(c->tilt[0]), cy = cos(c->tilt[1]), sy = sin(c->tilt[1]);
+    const double M[9] = {cy, sy * sx, -sy * cx, 0, cx, sx, sy, -cy * sx, cy * cx};
+    for (int i = 0; i < 3; i++) {
+        H[i] = M[8] * M[i] - M[2] * M[6 + i];
+        H[3 + i] = M[8] * M[3 + i] - M[5] * M[6 + i];
+        H[6 + i] = M[6 + i];
+    }
+}
+
+/* (6) applied to p; J = d(x',y')/d(x,y) goes with it.  False: p is beside the sensor's plane. */
+static bool tilt(const struct rec_camera *c, double p[2], double J[4])
+{
+    double H[9], q[3], A[4], K[4];
+    tilt_rows(c, H);
+    for (int i = 0; i < 3; i++)
+        q[i] = H[3 * i] * p[0] + H[3 * i + 1] * p[1] + H[3 * i + 2];
+    if (!(q[2] > 1e-9))
+        return false;
+    for (int i = 0; i < 2; i++) {
+        p[i] = q[i] / q[2];
+        for (int j = 0; j < 2; j++)
+            A[2 * i + j] = (H[3 * i + j] - p[i] * H[6 + j]) / q[2];
+    }
+    memcpy(K, J, sizeof K);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2; j++)
+            J[2 * i + j] = A[2 * i] * K[j] + A[2 * i + 1] * K[2 + j];
+    return true;
+}
+
+/* (6) undone, by the adjugate of its homography. */
+static bool untilt(const struct rec_camera *c, double *x, double *y)
+{
+    double H[9], q[3], p[3] = {*x, *y, 1};
+    tilt_rows(c, H);
+    for (int i = 0; i < 3; i++) {
+        q[i] = 0;
+        for (int j = 0; j < 3; j++) { /* cofactor of H_ji */
+            int r = (j + 1) % 3, s = (j + 2) % 3, k = (i + 1) % 3, l = (i + 2) % 3;
+            q[i] += (H[3 * r + k] * H[3 * s + l] - H[3 * r + l] * H[3 * s + k]) * p[j];
+        }
+    }
+    *x = q[0] / q[2];
+    *y = q[1] / q[2];
+    return isfinite(*x) && isfinite(*y) &&
+           H[6] * *x + H[7] * *y + H[8] > 1e-9; /* on the side that looks at the flame */
+}
+
 static bool has_distortion(const struct rec_camera *c)
 {
     for (int i = 0; i < 8; i++)
         if (c->dist[i] != 0)
             return true;
-    return c->model == REC_FISHEYE;
+    return c->model == REC_FISHEYE || c->model == REC_SCHEIMPFLUG;
 }
 
 /* The lens model is one-to-one from the axis out to (x,y). */
@@ -150,18 +209,27 @@ bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
                              struct rec_projection *out)
 {
     const double *R = c->R;
+    double P[3];
+    if (c->n_windows > 0) {
+        if (!rec_glass_apparent(c, X, P))
+            return false;
+        X = P;
+    }
     double Xc = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + c->t[0];
     double Yc = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + c->t[1];
     double Zc = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + c->t[2];
     if (!(Zc > 0))
         return false;
     double x = Xc / Zc, y = Yc / Zc, p[2] = {x, y}, J[4] = {1, 0, 0, 1};
-    if (has_distortion(c)) {
+    if (c->model == REC_TELECENTRIC) {
+        x = p[0] = Xc;
+        y = p[1] = Yc;
+    } else if (has_distortion(c)) {
         if (c->model == REC_FISHEYE)
             fisheye(c, x, y, p, J);
         else
             distort(c, x, y, p, J);
-        if (!in_domain(c, x, y, J))
+        if (!in_domain(c, x, y, J) || (c->model == REC_SCHEIMPFLUG && !tilt(c, p, J)))
             return false;
     }
     double u = c->fx * p[0] + c->cx, v = c->fy * p[1] + c->cy;
@@ -170,6 +238,28 @@ bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
     *out = (struct rec_projection){
         x, y, u, v, {c->fx * J[0], c->fx * J[1], c->fy * J[2], c->fy * J[3]}};
     return true;
+}
+
+bool rec_camera_slopes(const struct rec_camera *c, const double X[3], struct rec_projection *out,
+                       double D[6])
+{
+    double P[3] = {X[0], X[1], X[2]};
+    if (!rec_camera_project_full(c, X, out) || (c->n_windows > 0 && !rec_glass_apparent(c, X, P)))
+        return false;
+    const double *J = out->J;
+    double Z = c->R[6] * P[0] + c->R[7] * P[1] + c->R[8] * P[2] + c->t[2];
+    for (int r = 0; r < 2; r++) {
+        double a = J[2 * r] / Z, b = J[2 * r + 1] / Z, *g = D + 3 * r;
+        g[0] = a;
+        g[1] = b;
+        g[2] = -(a * out->x + b * out->y);
+        if (c->model == REC_TELECENTRIC) {
+            g[0] = J[2 * r];
+            g[1] = J[2 * r + 1];
+            g[2] = 0;
+        }
+    }
+    return c->n_windows == 0 || c->model == REC_TELECENTRIC || rec_glass_slopes(c, P, D);
 }
 
 bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2])
@@ -291,9 +381,11 @@ static bool fisheye_inverse(const struct rec_camera *c, double *x, double *y)
 /* (x,y) of (1) from those of (3), given as *x, *y. */
 static bool undistort(const struct rec_camera *c, double *x, double *y)
 {
-    double want[2] = {*x, *y};
     if (c->model == REC_FISHEYE)
         return fisheye_inverse(c, x, y);
+    if (c->model == REC_SCHEIMPFLUG && !untilt(c, x, y))
+        return false;
+    double want[2] = {*x, *y};
     if (newton(c, want, x, y))
         return true;
     double rd = hypot(want[0], want[1]), r = radial_inverse(c, rd);
@@ -302,11 +394,24 @@ static bool undistort(const struct rec_camera *c, double *x, double *y)
     return newton(c, want, x, y);
 }
 
+static bool telecentric_ray(const struct rec_camera *c, double x, double y, double origin[3],
+                            double dir[3])
+{
+    rec_camera_centre(c, origin);
+    for (int a = 0; a < 3; a++) {
+        origin[a] += c->R[a] * x + c->R[3 + a] * y;
+        dir[a] = c->R[6 + a];
+    }
+    return true;
+}
+
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
 {
     double x = (u - c->cx) / c->fx, y = (v - c->cy) / c->fy;
     if (!isfinite(x) || !isfinite(y) || (has_distortion(c) && !undistort(c, &x, &y)))
         return false;
+    if (c->model == REC_TELECENTRIC)
+        return telecentric_ray(c, x, y, origin, dir) && rec_glass_pass(c, origin, dir);
     const double *R = c->R;
     double d[3], n2 = 0;
     for (int a = 0; a < 3; a++) { /* R^T (x, y, 1) */
@@ -319,7 +424,7 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
     for (int a = 0; a < 3; a++)
         dir[a] = d[a] / n;
     rec_camera_centre(c, origin);
-    return true;
+    return c->n_windows == 0 || rec_glass_pass(c, origin, dir);
 }
 
 double rec_camera_depth(const struct rec_camera *c, const double X[3])
@@ -327,6 +432,8 @@ double rec_camera_depth(const struct rec_camera *c, const double X[3])
     double at[3], z = c->t[2], d2 = 0;
     for (int a = 0; a < 3; a++)
         z += c->R[6 + a] * X[a];
+    if (c->model == REC_TELECENTRIC)
+        return z > 0 ? 1 : z;
     if (c->model != REC_FISHEYE || !(z > 0))
         return z;
     rec_camera_centre(c, at);

@@ -1,4 +1,5 @@
-/* camera.h - one calibrated camera: pinhole with OpenCV's lens distortion, or OpenCV's fisheye.
+/* camera.h - one calibrated camera: pinhole with OpenCV's lens distortion, Scheimpflug, OpenCV's fisheye or telecentric,
+ * in air or behind flat glass.
  *
  *     X_cam = R X + t,   x = X_cam/Z_cam, y = Y_cam/Z_cam                               (1)
  *     r2 = x^2+y^2,  c = (1+k1 r2+k2 r2^2+k3 r2^3)/(1+k4 r2+k5 r2^2+k6 r2^3)            (2)
@@ -7,7 +8,17 @@
  * A fisheye has, instead of (2) and (3), with k1 k2 k3 k4 of its own,
  *     r^2 = x^2+y^2,  T = atan r,  T_d = T (1+k1 T^2+k2 T^4+k3 T^6+k4 T^8),  (x',y') = T_d/r (x,y)     (5)
  * It is used in front of the camera only: T < 90 degrees.
+ * Scheimpflug (OpenCV's tilted sensor, tilt = tau_x tau_y [rad]): between (3) and (4) the sensor is turned,
+ *     M = R_y(tau_y) R_x(tau_x),  (a,b,c) = M (x',y',1),
+ *     (x',y') <- (M33 a - M13 c, M33 b - M23 c) / c                                                 (6)
+ * Telecentric: (x',y') = (X_cam, Y_cam) in metres, so fx and fy are pixels per metre; it has no distortion.    (7)
+ * Windows: flat plates of glass with air on both sides.  A plate (unit normal N, thickness T, index n) leaves the
+ * direction d of a ray as it is and moves the ray, by Snell's law at both faces, by
+ *     S(d) = T (1 - g / sqrt(n^2 - 1 + g^2)) N,   g = N.d                                            (8)
+ * wherever it stands.  Several plates add up.  So a point X behind the glass is seen as (1)-(7) see X - S(d), where d is
+ * the direction of its own ray: solved by Newton's method.  A point in the glass or before it is not seen.
  * Source: OpenCV calib3d's documented models, calib3d and fisheye; (5): Kannala and Brandt, IEEE TPAMI 28:1335, 2006.
+ * (6): calib3d's model of 14 coefficients, written out.  (8): own derivation from Snell's law.
  * Camera x right, y down, z forward.
  * Threads: all functions are pure. */
 #ifndef REC_CAMERA_H
@@ -28,7 +39,16 @@ struct rec_uncertainty {
     double px, px_95, voxels, voxels_95;
 };
 
-enum rec_camera_model { REC_PINHOLE, REC_FISHEYE };
+#define REC_WINDOWS 4 /* of a camera, at most */
+
+enum rec_camera_model { REC_PINHOLE, REC_FISHEYE, REC_SCHEIMPFLUG, REC_TELECENTRIC };
+
+/* A flat plate of glass in air, between the camera and the volume. */
+struct rec_glass {
+    double normal[3];        /* unit, from the camera to the flame */
+    double at;               /* m: normal . x = at on the face towards the camera */
+    double thickness, index; /* m; against air, >= 1 */
+};
 
 struct rec_camera {
     char name[REC_NAME_MAX];
@@ -39,30 +59,44 @@ struct rec_camera {
     double t[3];    /* m */
     float gain[3];  /* photometric scale per channel; 1 by default */
     enum rec_camera_model model;
+    double tilt[2];    /* rad, of a Scheimpflug's sensor; else 0 */
+    int32_t n_windows; /* 0: in air */
+    struct rec_glass window[REC_WINDOWS];
     struct rec_uncertainty uncertainty;
     struct rec_photometry photometry;
 };
 
-/* World point [m] -> pixel by (1)-(5); false when it is not in front of the camera (Z <= 0) or so
- * far off axis that (2) or (5) is past its turning point (the lens model folds back there). */
+/* The model's name in rig.yaml. */
+const char *rec_camera_model_name(enum rec_camera_model m);
+
+/* World point [m] -> pixel by (1)-(8); false when it is not in front of the camera (Z <= 0) or behind its windows, or
+ * so far off axis that (2) or (5) is past its turning point (the lens model folds back there). */
 bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2]);
 
 /* The same, but also false when the pixel is outside the picture. */
 bool rec_camera_sees(const struct rec_camera *c, const double X[3], double uv[2]);
 
-/* The same as rec_camera_project, with intermediate values: (x,y) of (1) and J = d(u,v)/d(x,y), row major, px. */
+/* The same as rec_camera_project, with intermediate values: (x,y) of (1), or (X_cam,Y_cam) of (7), and
+ * J = d(u,v)/d(x,y), row major, px.  Behind windows they are those of X - S. */
 struct rec_projection {
     double x, y, u, v, J[4];
 };
 bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
                              struct rec_projection *out);
 
-/* Pixel (u,v), any real numbers -> ray: origin = camera centre [m], dir of unit length, both world.
+/* The same, and D [2][3] = d(u,v)/dX_cam [px/m], row major. */
+bool rec_camera_slopes(const struct rec_camera *c, const double X[3], struct rec_projection *out,
+                       double D[6]);
+
+/* Pixel (u,v), any real numbers -> ray: origin [m], dir of unit length, both world.  The origin is the camera's centre,
+ * for a telecentric the point of its ray beside the centre, and behind windows the place where the ray leaves the last
+ * one.  False also where the ray does not pass a window.
  * Inverts (3) or (5) by Newton iteration to 1e-10 px; false where it has no inverse (far outside). */
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3],
                     double dir[3]);
 
-/* What a focal length is divided by for pixels per metre around X [m]: depth, or distance for a fisheye.  Not above 0:
+/* What a focal length is divided by for pixels per metre around X [m]: depth, distance for a fisheye, 1 for a
+ * telecentric (windows are left out of account, which is right to some 1 %).  Not above 0:
  * X is not in front of the camera. */
 double rec_camera_depth(const struct rec_camera *c, const double X[3]);
 

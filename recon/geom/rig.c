@@ -13,6 +13,7 @@
 #include "recon/geom/blind.h"
 #include "recon/geom/photometry_text.h"
 #include "recon/geom/rig_bodies.h"
+#include "recon/geom/rig_optics.h"
 
 #define MAX_FILE  (4u << 20)
 #define MAX_COORD 1e6 /* m; keeps every product of coordinates far from overflow */
@@ -161,11 +162,67 @@ static pvx_err read_model(const struct reader *r, int node, const char *path, st
     char full[96];
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(full, sizeof full, "%s.model", path);
-    c->model = strcmp(name, "fisheye") == 0 ? REC_FISHEYE : REC_PINHOLE;
-    if (c->model == REC_PINHOLE && strcmp(name, "pinhole") != 0)
+    for (int i = REC_PINHOLE; i <= REC_TELECENTRIC; i++)
+        if (strcmp(name, rec_camera_model_name((enum rec_camera_model)i)) == 0) {
+            c->model = (enum rec_camera_model)i;
+            return PVX_OK;
+        }
+    return pvx_yaml_fail(
+        r->y, node, full, PVX_EINVAL, r->d,
+        "'%s' is not known; pinhole, fisheye (OpenCV's, also called equidistant), scheimpflug "
+        "(OpenCV's tilted sensor) or telecentric",
+        name);
+}
+
+/* How many numbers `distortion` may have by the model: k1 k2 k3 k4 of a fisheye, 14 with a tilt. */
+static pvx_err read_count(const struct reader *r, int node, const char *full, size_t n,
+                          const struct rec_camera *c)
+{
+    if (c->model == REC_FISHEYE && n != 0 && n != 4)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "of a fisheye should have 4 numbers (k1 k2 k3 k4), not %zu", n);
+    if (c->model == REC_TELECENTRIC && n != 0)
+        return pvx_yaml_fail(
+            r->y, node, full, PVX_EUNSUP, r->d,
+            "of a telecentric lens is not supported, not even zeros: leave it out");
+    if (c->model == REC_SCHEIMPFLUG && n != 14)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "of a scheimpflug should have 14 numbers, of which the last two tilt "
+                             "the sensor (tx ty, radians), not %zu",
+                             n);
+    if (n != 0 && n != 4 && n != 5 && n != 8 && n != 12 && n != 14)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "should have 0, 4, 5, 8, 12 or 14 numbers "
+                             "(k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]), not %zu",
+                             n);
+    return PVX_OK;
+}
+
+/* s1 s2 s3 s4, which are not supported, and tx ty, which make a Scheimpflug. */
+static pvx_err read_sensor(const struct reader *r, int node, const char *full, bool pinhole,
+                           const double k[14], struct rec_camera *c)
+{
+    for (int i = 8; i < 12; i++)
+        if (k[i] != 0)
+            return pvx_yaml_fail(r->y, node, full, PVX_EUNSUP, r->d,
+                                 "%g is of OpenCV's thin prism (s1 s2 s3 s4) model, which is not "
+                                 "supported: calibrate without CALIB_THIN_PRISM_MODEL",
+                                 k[i]);
+    if (k[12] == 0 && k[13] == 0 && c->model != REC_SCHEIMPFLUG)
+        return PVX_OK;
+    if (pinhole)
         return pvx_yaml_fail(
             r->y, node, full, PVX_EINVAL, r->d,
-            "'%s' is not known; pinhole or fisheye (OpenCV's, also called equidistant)", name);
+            "tx %g, ty %g tilt the sensor (OpenCV's CALIB_TILTED_MODEL), and model "
+            "says pinhole: write model: scheimpflug",
+            k[12], k[13]);
+    if (fabs(k[12]) > 1.2 || fabs(k[13]) > 1.2)
+        return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d,
+                             "a sensor tilted by %g, %g: radians are wanted, at most 1.2", k[12],
+                             k[13]);
+    c->model = REC_SCHEIMPFLUG;
+    c->tilt[0] = k[12];
+    c->tilt[1] = k[13];
     return PVX_OK;
 }
 
@@ -177,19 +234,12 @@ static pvx_err read_distortion(const struct reader *r, int m, const char *path,
     int model = pvx_yaml_get(r->y, m, "model"), node = pvx_yaml_get(r->y, m, "distortion");
     if (model != 0)
         PVX_TRY(read_model(r, model, path, c));
-    if (node == 0)
-        return PVX_OK;
     snprintf(full, sizeof full, "%s.distortion", path);
+    if (node == 0)
+        return c->model == REC_SCHEIMPFLUG ? read_count(r, m, full, 0, c) : PVX_OK;
     PVX_TRY(pvx_yaml_doubles(r->y, node, full, 0, 14, k, r->d));
     size_t n = pvx_yaml_length(r->y, node);
-    if (c->model == REC_FISHEYE && n != 0 && n != 4)
-        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
-                             "of a fisheye should have 4 numbers (k1 k2 k3 k4), not %zu", n);
-    if (n != 0 && n != 4 && n != 5 && n != 8 && n != 12 && n != 14)
-        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
-                             "should have 0, 4, 5, 8, 12 or 14 numbers "
-                             "(k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]), not %zu",
-                             n);
+    PVX_TRY(read_count(r, node, full, n, c));
     size_t whole = 0, zero = 0;
     for (size_t i = 0; i < n; i++) {
         whole += k[i] == floor(k[i]);
@@ -201,13 +251,8 @@ static pvx_err read_distortion(const struct reader *r, int m, const char *path,
     if (n == 8 && whole == n && zero < n) /* [-0,2, 0,1, 0,0, 0,0] */
         return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
                              "all 8 are whole numbers: write 0.5, not 0,5");
-    for (size_t i = 8; i < n; i++)
-        if (k[i] != 0)
-            return pvx_yaml_fail(
-                r->y, node, full, PVX_EUNSUP, r->d,
-                "%g is of OpenCV's %s model, which is not supported: calibrate without %s", k[i],
-                i < 12 ? "thin prism (s1 s2 s3 s4)" : "tilted sensor (tx ty)",
-                i < 12 ? "CALIB_THIN_PRISM_MODEL" : "CALIB_TILTED_MODEL");
+    if (c->model != REC_FISHEYE)
+        PVX_TRY(read_sensor(r, node, full, model != 0 && c->model == REC_PINHOLE, k, c));
     if (model == 0 && n == 4 && rig_ambiguous(c, k))
         return pvx_yaml_fail(
             r->y, node, full, PVX_EINVAL, r->d,
@@ -304,7 +349,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     int32_t size[2];
     snprintf(path, sizeof path, "cameras[%zu]", index);
     PVX_TRY(pvx_yaml_known(r->y, m, path,
-                           "name size K distortion model R t gain photometry uncertainty", r->d));
+                           "name size K distortion model R t windows gain photometry uncertainty",
+                           r->d));
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
@@ -321,6 +367,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     c->height = size[1];
     PVX_TRY(read_lens(r, m, path, c));
     PVX_TRY(read_pose(r, m, path, c));
+    if ((node = pvx_yaml_get(r->y, m, "windows")) != 0)
+        PVX_TRY(rec_windows_read(r->y, node, path, &rig->grid, c, r->d));
     PVX_TRY(read_gain(r, m, path, c));
     if ((node = pvx_yaml_get(r->y, m, "photometry")) != 0) {
         char full[64];
@@ -403,6 +451,21 @@ static void rig_put_list(FILE *f, const char *key, const double *v, int n, const
     fprintf(f, "]%s", end);
 }
 
+static void rig_put_lens(FILE *f, const struct rec_camera *c)
+{
+    double k[14] = {0};
+    int n = 8;
+    memcpy(k, c->dist, sizeof c->dist);
+    memcpy(k + 12, c->tilt, sizeof c->tilt);
+    while (n > 0 && c->dist[n - 1] == 0)
+        n--;
+    bool five = c->model != REC_FISHEYE && rig_ambiguous(c, c->dist);
+    n = n == 0 ? 0 : n <= 4 && !five ? 4 : n <= 5 ? 5 : 8;
+    rig_put_list(f, "    distortion", k, c->model == REC_SCHEIMPFLUG ? 14 : n, "\n");
+    if (c->model != REC_PINHOLE)
+        fprintf(f, "    model: %s\n", rec_camera_model_name(c->model));
+}
+
 pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
 {
     *out = NULL;
@@ -420,18 +483,12 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         const struct rec_camera *c = &r->cameras[i];
         double K[4] = {c->fx, c->fy, c->cx, c->cy};
         double gain[3] = {c->gain[0], c->gain[1], c->gain[2]};
-        int nd = 8;
-        while (nd > 0 && c->dist[nd - 1] == 0)
-            nd--;
-        bool fisheye = c->model == REC_FISHEYE, five = !fisheye && rig_ambiguous(c, c->dist);
-        nd = nd == 0 ? 0 : nd <= 4 && !five ? 4 : nd <= 5 ? 5 : 8;
         fprintf(f, "  - name: %s\n    size: [%d, %d]\n", c->name, c->width, c->height);
         rig_put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
-        rig_put_list(f, "    distortion", c->dist, nd, "\n");
-        if (fisheye)
-            fputs("    model: fisheye\n", f);
+        rig_put_lens(f, c);
         rig_put_list(f, "    R", c->R, 9, "\n");
         rig_put_list(f, "    t", c->t, 3, "\n");
+        rec_windows_write(f, c);
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
             rig_put_list(f, "    gain", gain, 3, "\n");
         rec_photometry_write(f, &c->photometry);
@@ -581,6 +638,10 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
             hash_doubles(&h, &model, 1);
         hash_doubles(&h, c->R, 9);
         hash_doubles(&h, c->t, 3);
+        double extra[6 * REC_WINDOWS];
+        hash_doubles(&h, extra, rec_window_numbers(c, extra));
+        if (c->model == REC_SCHEIMPFLUG)
+            hash_doubles(&h, c->tilt, 2);
     }
     for (size_t i = 0; i < r->bodies.n; i++) { /* no bodies: the hash of old rigs stays */
         double b[8];

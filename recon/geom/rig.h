@@ -4,15 +4,19 @@
  *   volume: { min: [..3], max: [..3], voxels: [..3] or auto (rec_rig_finest),
  *             basis: box|trilinear (optional: REC_BASIS_DEFAULT) }
  *   cameras: - { name, size: [w,h], K: [fx,fy,cx,cy], distortion: [0,4,5,8,12 or 14 numbers],
- *                model: pinhole (default) or fisheye (distortion: [0 or 4 numbers]; camera.h (5)),
- *                R: [9], t: [3], gain: [1 or 3 numbers, optional],
+ *                model: pinhole (default), fisheye (distortion: [0 or 4 numbers]; camera.h (5)), scheimpflug
+ *                (distortion: [14 numbers]; camera.h (6)) or telecentric (K in pixels per metre; camera.h (7)),
+ *                R: [9], t: [3],
+ *                windows: [{ plane: [nx,ny,nz,d], thickness, n }] (optional: at most REC_WINDOWS flat plates of glass
+ *                between the camera and all of the volume; n . x = d [m] on the face towards the camera; camera.h (8)),
+ *                gain: [1 or 3 numbers, optional],
  *                photometry: {...} (optional; photometry.h),
  *                uncertainty: { px, px_95, voxels, voxels_95 } (optional; struct rec_uncertainty) }
  *   bodies:  (optional: opaque bodies in the flame or in front of it; body.h; metres)
  *            - { name, box: { min: [3], max: [3] } }  or  { name, cylinder: { from: [3], to: [3], radius } }
  *            or { name, mesh: FILE.stl (relative to this file), scale: m per unit (1) }
- * Distortion is in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty.  s (thin prism) and t (tilted sensor) must
- * be 0.  Four numbers with |p| > 0.02 need a `model`: they may be a fisheye's k1 k2 k3 k4.
+ * Distortion is in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty.  s (thin prism) must
+ * be 0.  tx ty (tilted sensor) other than 0 make a pinhole without `model` a scheimpflug.  Four numbers with |p| > 0.02 need a `model`: they may be a fisheye's k1 k2 k3 k4.
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
  * |det - 1| > 1e-3; nearer ones are re-orthonormalised), empty or inverted volume, duplicate names,
  * names that are not [A-Za-z0-9._-]+, more than REC_MAX_CAMERAS, sizes outside 1..16384, a body around a

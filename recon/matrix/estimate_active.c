@@ -167,6 +167,7 @@ double rec_sysmat_whole(const struct rec_rig *rig, const struct rec_sysmat_param
             d2 += d * d;
             h = fmax(h, rec_grid_h(g, a));
         }
+        d2 = k->model == REC_TELECENTRIC ? 1 : d2;
         at_most = fmax(at_most, d2 > 0 ? fmax(k->fx, k->fy) * h / sqrt(d2) / p->binning : 0);
     }
     double side = g->basis == REC_TRILINEAR ? 2 * at_most + 1 : at_most + 1;

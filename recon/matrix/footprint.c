@@ -5,12 +5,16 @@
  * bends that hull's edges.  For f with second derivatives up to M, a point inside a polygon of
  * diameter D has f <= max over the corners + M D^2/4 (interpolate along a chord to two edge points,
  * then along the edges); M D is bounded by the change of the Jacobian over the corners, times 2 for
- * changes that the corners do not show. */
+ * changes that the corners do not show.  Behind windows straight lines bend a
+ * little (rec_glass_bend).  Where no pinhole stands behind the map, and where some of the volume is not seen through the
+ * glass, the Jacobian is that by the point's own coordinates, and D is the diagonal of the box. */
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/mem.h"
+#include "recon/geom/glass.h"
 #include "recon/matrix/footprint.h"
 
 #define SLAB 8 /* layers of voxels per task, at least */
@@ -24,12 +28,15 @@ struct job {
     struct rec_rect *brick;         /* of bricks; both NULL: of the kept voxels on all levels */
     const _Atomic uint64_t *met;    /* [N bits] columns that have entries of camera */
     size_t camera;
-    int32_t n[3];   /* items */
-    int32_t slab;   /* layers of items per task */
-    int32_t stride; /* lattice points from an item's first to the next one's */
-    int32_t span;   /* lattice points from an item's first to its last one */
-    int32_t nx, ny; /* lattice points per layer */
-    double per_bin; /* 1 / binning */
+    int32_t n[3];    /* items */
+    int32_t slab;    /* layers of items per task */
+    int32_t stride;  /* lattice points from an item's first to the next one's */
+    int32_t span;    /* lattice points from an item's first to its last one */
+    int32_t nx, ny;  /* lattice points per layer */
+    double per_bin;  /* 1 / binning */
+    bool by_point;   /* the quantities from X on are d(u,v)/dX_cam */
+    double diagonal; /* m, of a support */
+    double bend;     /* px, of any support: rounding, and the glass */
     atomic_bool out_of_memory;
 };
 
@@ -77,10 +84,14 @@ static void project_layer(const struct job *j, int32_t k, struct layer *l)
             size_t at = (size_t)y * (size_t)j->nx + (size_t)x;
             double point[3] = {plane(j, 0, x), plane(j, 1, y), plane(j, 2, k)};
             struct rec_projection p;
-            l->hidden[at] = !rec_camera_project_full(j->c, point, &p);
+            double D[6];
+            l->hidden[at] = j->by_point ? !rec_camera_slopes(j->c, point, &p, D)
+                                        : !rec_camera_project_full(j->c, point, &p);
             if (l->hidden[at])
                 continue;
             double all[QUANTITIES] = {p.u, p.v, p.x, p.y, p.J[0], p.J[1], p.J[2], p.J[3]};
+            if (j->by_point)
+                memcpy(all + X, D, sizeof D);
             for (int q = 0; q < QUANTITIES; q++)
                 l->q[q][at] = all[q];
         }
@@ -143,8 +154,12 @@ static struct rec_rect rectangle(const struct job *j, const struct corners *k, s
     for (int q = 0; q < QUANTITIES; q++)
         range[q] = k->hi[q][x] - k->lo[q][x];
     double D = sqrt(range[X] * range[X] + range[Y] * range[Y]);
-    double bend_u = 0.5 * D * (range[J0] + range[J1]) + 1e-6;
-    double bend_v = 0.5 * D * (range[J2] + range[J3]) + 1e-6;
+    double bend_u = 0.5 * D * (range[J0] + range[J1]) + j->bend;
+    double bend_v = 0.5 * D * (range[J2] + range[J3]) + j->bend;
+    if (j->by_point) {
+        bend_u = 0.5 * j->diagonal * (range[X] + range[X + 1] + range[X + 2]) + j->bend;
+        bend_v = 0.5 * j->diagonal * (range[X + 3] + range[X + 4] + range[X + 5]) + j->bend;
+    }
     struct rec_rect r;
     bool cut = false;
     if (!footprint_bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0,
@@ -346,6 +361,14 @@ static pvx_err footprint_project(struct job *j, pvx_pool *pool)
     j->nx = (j->n[0] - 1) * j->stride + j->span + 1;
     j->ny = (j->n[1] - 1) * j->stride + j->span + 1;
     j->per_bin = 1.0 / j->m->binning;
+    for (int a = 0; a < 3; a++) {
+        double side = (bricks ? REC_BRICK + 1 : j->span) * rec_grid_h(g, a);
+        j->diagonal = hypot(j->diagonal, side);
+    }
+    double glass =
+        j->c->n_windows > 0 && j->c->model != REC_TELECENTRIC ? rec_glass_bend(j->c, g) : 0;
+    j->by_point = j->c->model == REC_TELECENTRIC || glass < 0;
+    j->bend = 1e-6 + fmax(glass, 0) * j->diagonal * j->diagonal / 4;
     pvx_pool_run(pool, (size_t)((j->n[2] + j->slab - 1) / j->slab), footprint_slab, j);
     return atomic_load(&j->out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }

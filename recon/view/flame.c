@@ -323,12 +323,37 @@ static int32_t at_most(int32_t a, int32_t b)
     return a < b ? a : b;
 }
 
+/* Cameras whose rays have no common centre: ray by ray. */
+static void flame_render_rays(const struct rec_flame_pose *p, const struct rec_camera *c, int sub,
+                              int32_t y0, int32_t y1, float *image)
+{
+    for (int32_t y = y0; y < y1; y++)
+        for (int32_t x = 0; x < c->width; x++) {
+            double sum[3] = {0}, o[3], d[3], rgb[3];
+            for (int s = 0; s < sub * sub; s++) {
+                if (!rec_camera_ray(c, x + (s % sub + 0.5) / sub - 0.5,
+                                    y + (s / sub + 0.5) / sub - 0.5, o, d))
+                    continue;
+                rec_flame_ray(p, o, d, rgb);
+                for (int ch = 0; ch < 3; ch++)
+                    sum[ch] += rgb[ch];
+            }
+            for (int ch = 0; ch < 3; ch++)
+                image[((size_t)y * (size_t)c->width + (size_t)x) * 3 + (size_t)ch] =
+                    (float)(sum[ch] / (sub * sub));
+        }
+}
+
 void rec_flame_render(const struct rec_flame_pose *p, const struct rec_camera *c, int sub,
                       int32_t y0, int32_t y1, float *image)
 {
     struct seen_blob blob[REC_FLAME_MAX_BLOBS];
     int n = 0;
     double centre[3];
+    if (c->n_windows > 0 || c->model == REC_TELECENTRIC) {
+        flame_render_rays(p, c, sub, y0, y1, image);
+        return;
+    }
     rec_camera_centre(c, centre);
     for (int g = 0; g < p->n; g++)
         n += see_blob(&p->blob[g], c, centre, &blob[n]);

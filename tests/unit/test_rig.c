@@ -178,14 +178,22 @@ T_CASE(distortion_models)
            "rig.yaml:9: cameras[0].distortion: all 8 are whole numbers: write 0.5, not 0,5");
     refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0.1, 0, 0]\n"), PVX_EUNSUP,
            "rig.yaml:9: cameras[0].distortion: 0.1 is of OpenCV's thin prism (s1 s2 s3 s4) model");
-    refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0, 0, 0, 0, 0.2]\n"), PVX_EUNSUP,
-           "0.2 is of OpenCV's tilted sensor (tx ty) model, which is not supported");
+    refuse(HEAD CAM("a", "    distortion: [" EIGHT ", 0, 0, 0, 0, 0, 2]\n"), PVX_EINVAL,
+           "rig.yaml:9: cameras[0].distortion: a sensor tilted by 0, 2: radians are wanted");
+    refuse(HEAD CAM("a", "    model: pinhole\n    distortion: [" EIGHT ", 0, 0, 0, 0, 0, 0.2]\n"),
+           PVX_EINVAL,
+           "tx 0, ty 0.2 tilt the sensor (OpenCV's CALIB_TILTED_MODEL), and model says");
+    refuse(HEAD CAM("a", "    model: scheimpflug\n    distortion: [" EIGHT "]\n"), PVX_EFORMAT,
+           "of a scheimpflug should have 14 numbers, of which the last two tilt");
+    refuse(HEAD CAM("a", "    model: scheimpflug\n"), PVX_EFORMAT, "should have 14 numbers");
+    refuse(HEAD CAM("a", "    model: telecentric\n    distortion: [0, 0, 0, 0]\n"), PVX_EUNSUP,
+           "of a telecentric lens is not supported");
     refuse(HEAD CAM("a", "    distortion: [-0.02, 0.01, -0.03, 0.001]\n"), PVX_EINVAL,
            "are these k1 k2 k3 k4 of a fisheye? Write model: fisheye");
     refuse(HEAD WIDE("a", "0.003, 0.0007, -0.002, 0.0002", ""), PVX_EINVAL,
            "are these k1 k2 k3 k4 of a fisheye? Write model: fisheye");
     refuse(HEAD CAM("a", "    model: omni\n"), PVX_EINVAL,
-           "rig.yaml:9: cameras[0].model: 'omni' is not known; pinhole or fisheye");
+           "rig.yaml:9: cameras[0].model: 'omni' is not known; pinhole, fisheye");
     refuse(HEAD CAM("a", "    distortion: [1, 2, 3, 4, 5]\n    model: fisheye\n"), PVX_EFORMAT,
            "of a fisheye should have 4 numbers (k1 k2 k3 k4), not 5");
     T_EQ_I(parse(HEAD CAM("a", "    distortion: [-0.02, 0.01, -0.03, 0.001]\n    model: pinhole\n")
@@ -214,6 +222,86 @@ T_CASE(distortion_models)
     free(out);
     rec_rig_fini(&r);
     rec_rig_fini(&back);
+}
+
+#define GLASS(plane, rest) "    windows:\n      - { plane: [" plane "], " rest " }\n"
+#define SILICA             "thickness: 0.02, n: 1.46"
+
+/* The camera of CAM stands at (0,0,-3) and looks along z. */
+T_CASE(windows_and_other_rays)
+{
+    struct rec_rig r, back;
+    struct pvx_diag d;
+    T_EQ_I(
+        parse(HEAD CAM("a", GLASS("0, 0, 2, -2", SILICA)) /* normal towards the flame, not unit */
+              CAM("b", GLASS("0, 0.6, -0.8, 1.1",
+                             SILICA) "      - { plane: [0, 0, 1, -2], thickness: 0.01, n: 1.5 }\n")
+                  CAM("c", "    model: telecentric\n" GLASS("0, 0, 1, -1", SILICA))
+                      CAM("d", "    distortion: [" EIGHT ", 0, 0, 0, 0, 0.1, -0.2]\n"
+                               "    windows: []\n")
+                          CAM("e", "    distortion: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n"
+                                   "    model: scheimpflug\n"),
+              &r, &d),
+        PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(r.cameras[0].n_windows, 1);
+    const struct rec_glass *w = &r.cameras[0].window[0];
+    T_NEAR(w->normal[2], 1, 0);
+    T_NEAR(w->at, -1, 0);
+    T_NEAR(w->thickness, 0.02, 0);
+    T_NEAR(w->index, 1.46, 0);
+    T_EQ_I(r.cameras[1].n_windows, 2);
+    T_NEAR(r.cameras[1].window[0].normal[1], -0.6, 1e-15); /* turned to the flame */
+    T_NEAR(r.cameras[1].window[0].at, -1.1, 1e-15);
+    T_EQ_I(r.cameras[2].model, REC_TELECENTRIC);
+    T_EQ_I(r.cameras[3].model, REC_SCHEIMPFLUG);
+    T_NEAR(r.cameras[3].tilt[1], -0.2, 0);
+    T_EQ_I(r.cameras[3].n_windows, 0);
+    T_EQ_I(r.cameras[4].model, REC_SCHEIMPFLUG);
+    char *out;
+    size_t len;
+    T_EQ_I(rec_rig_format(&r, &out, &len), PVX_OK);
+    T_EQ_I(parse(out, &back, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_OK(memcmp(r.cameras, back.cameras, r.n_cameras * sizeof *r.cameras) == 0);
+    uint64_t h = rec_rig_hash(&r);
+    T_OK(rec_rig_hash(&back) == h);
+    struct rec_camera *b = back.cameras;
+    double *all[] = {&b[0].window[0].normal[0], &b[0].window[0].at, &b[1].window[1].thickness,
+                     &b[2].window[0].index, &b[3].tilt[0]};
+    for (size_t i = 0; i < sizeof all / sizeof all[0]; i++) {
+        double old = *all[i];
+        *all[i] = old + 1e-9;
+        T_OK(rec_rig_hash(&back) != h);
+        *all[i] = old;
+    }
+    b[1].n_windows = 1;
+    T_OK(rec_rig_hash(&back) != h);
+    free(out);
+    rec_rig_fini(&r);
+    rec_rig_fini(&back);
+    refuse(HEAD CAM("a", "    windows: 3\n"), PVX_EFORMAT,
+           "rig.yaml:9: cameras[0].windows: should be a list of at most 4 windows");
+    refuse(HEAD CAM("a", "    windows:\n      - { plane: [0, 0, 1, -1], n: 1.5 }\n"), PVX_EFORMAT,
+           "rig.yaml:10: cameras[0].windows[0]: the key 'thickness' is missing");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, -1", "thickness: 20, n: 1.46")), PVX_EINVAL,
+           "cameras[0].windows[0].thickness");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, -1", "thickness: 0.02, n: 0.7")), PVX_EINVAL,
+           "cameras[0].windows[0].n");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, -1", "thickness: 0.02, n: 1.5, index: 2")), PVX_EFORMAT,
+           "index: unknown key");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1", SILICA)), PVX_EFORMAT, "cameras[0].windows[0].plane");
+    refuse(HEAD CAM("a", GLASS("0, 0, 0, 1", SILICA)), PVX_EINVAL,
+           "cameras[0].windows[0].plane: should be a normal and a distance");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, -3", SILICA)), PVX_EINVAL,
+           "the plane goes through camera a");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, 0.25", SILICA)), PVX_EINVAL,
+           "rig.yaml:10: cameras[0].windows[0].plane: the volume reaches 0.27 m through the glass "
+           "towards camera a");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, -0.01", SILICA)), PVX_EINVAL,
+           "the volume reaches 0.01 m through the glass");
+    refuse(HEAD CAM("a", GLASS("0, 0, 1, -4", SILICA)), PVX_EINVAL, /* behind the camera */
+           "through the glass towards camera a: a window stands between camera and volume");
 }
 
 T_CASE(messages_name_the_place)

@@ -1,0 +1,122 @@
+#include "recon/geom/rig_optics.h"
+
+#include <math.h>
+
+#define MAX_COORD 1e6 /* m, as in rig.c */
+
+/* How far X [m] is behind the face towards the camera. */
+static double window_beyond(const struct rec_glass *w, const double X[3])
+{
+    return w->normal[0] * X[0] + w->normal[1] * X[1] + w->normal[2] * X[2] - w->at;
+}
+
+static pvx_err window_plane(const pvx_yaml *y, int node, const char *path,
+                            const struct rec_camera *c, struct rec_glass *w, struct pvx_diag *d)
+{
+    double p[4], centre[3];
+    PVX_TRY(pvx_yaml_doubles(y, node, path, 4, 4, p, d));
+    double n = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    if (!(n > 1e-9 && n < MAX_COORD) || !(fabs(p[3]) < MAX_COORD))
+        return pvx_yaml_fail(y, node, path, PVX_EINVAL, d,
+                             "should be a normal and a distance: [nx, ny, nz, d], n . x = d in "
+                             "metres on the face towards the camera");
+    bool unit = fabs(n - 1) <= 1e-15; /* numbers that were written in full stay as they are */
+    for (int a = 0; a < 3; a++)
+        w->normal[a] = unit ? p[a] : p[a] / n;
+    w->at = unit ? p[3] : p[3] / n;
+    rec_camera_centre(c, centre);
+    double beyond = window_beyond(w, centre);
+    if (fabs(beyond) < 1e-9)
+        return pvx_yaml_fail(y, node, path, PVX_EINVAL, d,
+                             "the plane goes through camera %s; give the face of the glass that is "
+                             "towards the camera",
+                             c->name);
+    if (beyond > 0) { /* the normal is turned to the flame */
+        for (int a = 0; a < 3; a++)
+            w->normal[a] = -w->normal[a];
+        w->at = -w->at;
+    }
+    return PVX_OK;
+}
+
+/* The volume is behind the glass, all of it. */
+static pvx_err window_before(const pvx_yaml *y, int node, const char *path,
+                             const struct rec_grid *g, const struct rec_camera *c,
+                             const struct rec_glass *w, struct pvx_diag *d)
+{
+    double least = INFINITY, X[3];
+    for (int i = 0; i < 8; i++) {
+        for (int a = 0; a < 3; a++)
+            X[a] = i >> a & 1 ? g->max[a] : g->min[a];
+        least = fmin(least, window_beyond(w, X) - w->thickness);
+    }
+    if (least >= 0)
+        return PVX_OK;
+    return pvx_yaml_fail(y, node, path, PVX_EINVAL, d,
+                         "the volume reaches %.4g m through the glass towards camera %s: a window "
+                         "stands between camera and volume; correct its plane (n . x = d on the "
+                         "face towards the camera), or make the volume smaller",
+                         -least, c->name);
+}
+
+static pvx_err window_read(const pvx_yaml *y, int m, const char *path, const struct rec_grid *g,
+                           const struct rec_camera *c, struct rec_glass *w, struct pvx_diag *d)
+{
+    static const char *const keys[] = {"plane", "thickness", "n"};
+    int node[3];
+    char full[112];
+    PVX_TRY(pvx_yaml_known(y, m, path, "plane thickness n", d));
+    for (int i = 0; i < 3; i++)
+        if ((node[i] = pvx_yaml_get(y, m, keys[i])) == 0)
+            return pvx_yaml_fail(y, m, path, PVX_EFORMAT, d, "the key '%s' is missing", keys[i]);
+    snprintf(full, sizeof full, "%s.thickness", path);
+    PVX_TRY(pvx_yaml_double(y, node[1], full, 1e-6, 10, &w->thickness, d));
+    snprintf(full, sizeof full, "%s.n", path);
+    PVX_TRY(pvx_yaml_double(y, node[2], full, 1, 5, &w->index, d));
+    snprintf(full, sizeof full, "%s.plane", path);
+    PVX_TRY(window_plane(y, node[0], full, c, w, d));
+    return window_before(y, node[0], full, g, c, w, d);
+}
+
+pvx_err rec_windows_read(const pvx_yaml *y, int seq, const char *path, const struct rec_grid *g,
+                         struct rec_camera *c, struct pvx_diag *d)
+{
+    char full[80];
+    size_t n = pvx_yaml_length(y, seq);
+    snprintf(full, sizeof full, "%s.windows", path);
+    if (pvx_yaml_kind(y, seq) != PVX_YAML_SEQ || n > REC_WINDOWS)
+        return pvx_yaml_fail(y, seq, full, PVX_EFORMAT, d,
+                             "should be a list of at most %d windows ({ plane, thickness, n })",
+                             REC_WINDOWS);
+    for (size_t i = 0; i < n; i++) {
+        snprintf(full, sizeof full, "%s.windows[%zu]", path, i);
+        PVX_TRY(window_read(y, pvx_yaml_item(y, seq, i), full, g, c, &c->window[i], d));
+        c->n_windows++;
+    }
+    return PVX_OK;
+}
+
+void rec_windows_write(FILE *f, const struct rec_camera *c)
+{
+    for (int32_t i = 0; i < c->n_windows; i++) {
+        const struct rec_glass *w = &c->window[i];
+        fprintf(f,
+                "%s      - { plane: [%.17g, %.17g, %.17g, %.17g], thickness: %.17g, n: %.17g }\n",
+                i == 0 ? "    windows:\n" : "", w->normal[0], w->normal[1], w->normal[2], w->at,
+                w->thickness, w->index);
+    }
+}
+
+size_t rec_window_numbers(const struct rec_camera *c, double out[6 * REC_WINDOWS])
+{
+    size_t n = 0;
+    for (int32_t i = 0; i < c->n_windows; i++) {
+        const struct rec_glass *w = &c->window[i];
+        for (int a = 0; a < 3; a++)
+            out[n++] = w->normal[a];
+        out[n++] = w->at;
+        out[n++] = w->thickness;
+        out[n++] = w->index;
+    }
+    return n;
+}
