@@ -63,9 +63,9 @@ static double clipped_inverse(const float inverse[REC_CLIPPED_KNOTS], double x)
     return (1 - part) * (double)inverse[k] + part * (double)inverse[k + 1];
 }
 
-/* Samples that a bin's channel is the mean of; 0: not known.  Binned Bayer pixels: green is the mean of its own, red and
- * blue have the weights of (3) in photo.h, and count as the number of equal ones with that noise. */
-static double samples_of(const struct rec_photo_image *im, int c)
+/* Samples of one picture that a bin's channel is the mean of; 0: not known.  Binned Bayer pixels: green is the mean of
+ * its own, red and blue have the weights of (3) in photo.h, and count as the number of equal ones with that noise. */
+static double samples_of_one(const struct rec_photo_image *im, int c)
 {
     double b = im->binning, axis = 4 * b * b / (8 * b - 6);
     if (im->cell != NULL || b < 1)
@@ -73,6 +73,10 @@ static double samples_of(const struct rec_photo_image *im, int c)
     if (im->bayer == 0)
         return b * b;
     return b < 2 ? 0 : c == 1 ? b * b / 2 : axis * axis;
+}
+static double samples_of(const struct rec_photo_image *im, int c)
+{
+    return samples_of_one(im, c) * (im->pictures > 1 ? (double)im->pictures : 1);
 }
 
 /* (6); 0: no step is to be seen. */

@@ -149,12 +149,13 @@ static void photo(rec_frame *f)
         k->photo_params[c].saturation =
             rec_photo_saturation(&k->p.photo, in->floats, in->saturated);
         k->photo_params[c].floor = least_threshold(k, c, rec_frame_is_bayer(f, c));
-        k->photo_params[c].dim = in->fine ? REC_DIM_SHARE : 0;
+        k->photo_params[c].dim = in->fine || in->pictures >= 16 ? REC_DIM_SHARE : 0;
         im->absent = !in->present;
         im->img = rec_frame_input(f, c);
         im->cell = rec_frame_is_mosaic(f, c) ? in->cell : NULL;
         im->bayer = rec_frame_is_bayer(f, c) ? f->S->binning : 0;
         im->binning = f->S->binning;
+        im->pictures = in->pictures;
         im->background = k->background[c];
         im->weight = f->weight + row0;
         im->weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL;

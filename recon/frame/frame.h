@@ -126,6 +126,8 @@ struct rec_frame_camera {
     bool fine;
     /* The pixels were floating-point numbers.  They have no full scale, so no automatic saturation. */
     bool floats;
+    /* The pixels are means of so many pictures; 0 and 1: of one.  From 16 on they have fine steps. */
+    uint32_t pictures;
     /* The pixels come unchanged from a Bayer filter: each has the channel of its filter and NaN in the others.  Only
      * for the default solver.  Otherwise they were binned or interpolated, which changes their noise (photo.h). */
     bool mosaic;

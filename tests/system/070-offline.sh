@@ -53,6 +53,49 @@ grows_out_of_the_box() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames grow2 --black 0.02 --fit-volume=0 --fit-frames 2 --out out --quiet
     says 0 'reaches a side of the fitted box' '--fit-frames all'
 }
+# Means of phases are the volumes of mean pictures, which numpy makes here.
+means() {
+    "$py" -c 'import numpy' || { echo "SKIP $name:means (apt-get install python3-numpy)"; return 0; }
+    "$py" - << 'END' || return 1
+import numpy as np, os, random
+from PIL import Image
+random.seed(35)
+os.makedirs("cycles")
+for c in range(6):
+    os.makedirs(f"cycles/cam{c}"); os.makedirs(f"want/cam{c}")
+order = [i % 3 for i in range(9)]           # three cycles of three phases
+random.shuffle(order)
+total = {}
+for i, k in enumerate(order):
+    for c in range(6):
+        px = np.asarray(Image.open(f"take/cam{c}/{k:06d}.png")).astype(float)
+        px = np.clip(px + np.random.default_rng(100 * i + c).normal(0, 3, px.shape), 0, 254).round()
+        if (i, c) != (4, 2):                # one picture is missing
+            Image.fromarray(px.astype(np.uint8)).save(f"cycles/cam{c}/{100 + i:06d}.png")
+            total.setdefault((k, c), []).append(px / 255)
+for (k, c), px in total.items():
+    np.save(f"want/cam{c}/{k:06d}.npy", np.mean(px, 0).astype(np.float32))
+with open("phase.csv", "w") as f:
+    f.write("frame,degrees\n" + "".join(f"{100 + i},{120 * k + 60}\n" for i, k in enumerate(order)))
+END
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --phase phase.csv --phases 3 --out phases --selfcal off
+    says 0 '3 means of 3 sets each' '3 volumes in phases' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames want --black 0.02 --out wanted --quiet --selfcal off; says 0 || return 1
+    "$py" -c '
+import numpy as np
+for k in range(3):
+    a, b = (np.load(f"{d}/{k:06d}.npy") for d in ("phases", "wanted"))
+    e = np.linalg.norm(a - b) / np.linalg.norm(b)
+    assert b.max() > 0 and e < 0.02, (k, e)' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --average all --out all; says 0 '1 mean of 9 sets' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --average 4.5 --array 1/2 --out means.h5; says 0 '4 means of 2 to 3 sets each' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --average 4.5 --array 2/2 --out means.h5; says 0 || return 1
+    run "$py" -c 'import h5py; f = h5py.File("means.h5"); print(f["emission"].shape)'; says 0 '(4, ' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --average 12ms --out no; says 1 'times of these pictures are not known' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --average 0.5 --out no; says 1 "'0.5' should be all" || return 1
+    sed -i '5s/.*/104,turn/' phase.csv
+    run "$pyrovox" reconstruct --rig rig.yaml --frames cycles --black 0.02 --phase phase.csv --out no; says 1 "phase.csv:5: '104,turn' should be" && [ ! -e no ]
+}
 film() {
     run "$pyrovox" render --rig rig.yaml --camera cam1 vol film
     says 0 '6 pictures in film' 'as a product' && [ "$(find film -name '*.png' | wc -l)" = 6 ] || return 1
@@ -171,5 +214,5 @@ cpu() {
     run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
     run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
 }
-for t in recording forgotten_black_level odd_volumes fits grows_out_of_the_box film videos one_file stops reconstruct_stops light_in_check one_grey_in_check cpu; do check $t $t; done
+for t in recording forgotten_black_level odd_volumes fits grows_out_of_the_box means film videos one_file stops reconstruct_stops light_in_check one_grey_in_check cpu; do check $t $t; done
 exit $rc

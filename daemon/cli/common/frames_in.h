@@ -6,6 +6,7 @@
  *
  * Pictures of one number form a set, frames of films those of one instant (pairs.h).  Frames of a take have the numbers
  * of their sets.
+ * With how.means a set is the mean of several (means.h).  Its time is that of the earliest.
  * A frame that a camera lacks is missing from its set.  A frame that cannot be used is reported on stderr
  * and is missing too.  So are a camera without frames, and what pairs.h finds.
  * Ownership: the struct is the caller's.  It must stay in its place while it is a source.  Threads: one. */
@@ -15,6 +16,8 @@
 #include "capture/files/pairs.h"
 #include "capture/take/take.h"
 #include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/means.h"
 #include "daemon/pipeline/images.h"
 #include "daemon/pipeline/pipeline.h"
 
@@ -33,6 +36,7 @@ struct frames_in_reading {
     enum cap_transfer transfer;
     enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
     int32_t numbers;        /* enum cap_numbers: what the numbers of pictures are */
+    struct means_how means; /* sets to average before they are solved */
 };
 
 /* Rows (arg.h) for the options of all commands that read recorded frames.  T is the command's struct, with the fields
@@ -71,8 +75,14 @@ struct frames_in {
     int64_t *number;             /* [n] ascending */
     int64_t *t_ns;               /* [n] of films and of numbers that are times; otherwise NULL */
     int64_t *row;                /* [n][cameras] place among the camera's frames, -1 = none */
-    struct cap_reel *reel;       /* [cameras] */
-    cap_take *take;              /* instead */
+    /* The sets above are means of these, or means.n is 0. */
+    struct means means;
+    size_t members;                      /* sets of the recording */
+    int64_t *member_row, *member_number; /* as row and number, of each of them */
+    double *sum[REC_MAX_CAMERAS];        /* of a mean's bins, and which are saturated */
+    uint8_t *full[REC_MAX_CAMERAS];
+    struct cap_reel *reel; /* [cameras] */
+    cap_take *take;        /* instead */
     int take_camera[REC_MAX_CAMERAS];
     enum frames_in_kinds kinds;
     struct cap_depth
@@ -83,8 +93,10 @@ struct frames_in {
 
     int32_t binning;
     enum cap_mosaic mosaic;
-    size_t at, left;    /* the set that is read, those that are not read yet */
-    dmn_images *images; /* NULL before frames_in_begin */
+    size_t left;              /* sets that are not read yet */
+    int64_t bin_ns;           /* time to bin the set that was read last */
+    struct cli_progress *bar; /* of sets averaged, borrowed; or NULL */
+    dmn_images *images;       /* NULL before frames_in_begin */
     struct cap_loaded loaded[REC_MAX_CAMERAS];
     const struct cap_image *image[REC_MAX_CAMERAS]; /* NULL = missing */
     struct pvx_diag why[REC_MAX_CAMERAS];           /* "" = there is no such frame */

@@ -47,6 +47,17 @@ static const struct cli_row rows[] = {
      "reconstruct nothing. Measure about a minute of the work and print the time, memory and disk "
      "that all of it takes; with HOURS also how many machines like this one finish in that time"},
     FRAMES_IN_ROWS(struct reconstruct_options),
+    {.help = "Means of several sets:"},
+    {"average", "all|PERIOD", AT(reading.means.average), 0, 0,
+     "solve the mean of all sets, or one mean for each phase of a cycle. PERIOD is in sets (20, "
+     "12.5), or a time or rate with its unit where the sets have times (12.5ms, 80Hz). The noise "
+     "of "
+     "N sets falls by the square root of N. Volumes are numbered by phase, from 0"},
+    {"phase", "FILE.csv", AT(reading.means.phases), 0, 0,
+     "the same with the phase of each set from a file: a first line frame,phase (0 to 1) or "
+     "frame,degrees, then a line for each set. Sets that are not listed are left out"},
+    {"phases", "N", AT(reading.means.n), 1, 10000,
+     "means in a cycle (default: one for each set of a PERIOD, 16 with --phase)"},
     {.help = "Volume fitted to the flame:"},
     {"fit-volume", "=MARGIN", CLI_KEY(OPT_FIT), 0, 0,
      "reconstruct in the tightest box around the flame of the whole recording, plus MARGIN metres "
@@ -202,6 +213,11 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
         if (o->frames == NULL || o->rig.path == NULL ||
             (o->out == NULL && o->save_rig == NULL && !o->plan))
             argp_error(st, "needs --rig, --frames and --out");
+        if (o->reading.means.average != NULL && o->reading.means.phases != NULL)
+            argp_error(st, "--average and --phase: use only one of them");
+        if (o->reading.means.n > 0 && o->reading.means.phases == NULL &&
+            (o->reading.means.average == NULL || strcmp(o->reading.means.average, "all") == 0))
+            argp_error(st, "--phases needs --average PERIOD or --phase FILE.csv");
         if (o->save_rig != NULL && !o->fit)
             argp_error(st, "--save-rig needs --fit-volume, because it writes the fitted volume");
         if (o->fit && o->no_hull)

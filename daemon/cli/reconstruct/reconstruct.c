@@ -230,7 +230,9 @@ static bool reconstruct_put(void *ctx, const struct dmn_slot *s)
     struct job *j = ctx;
     if (j->error != PVX_OK)
         return false;
-    cli_progress(&j->bar, (double)++j->sets / (double)j->in.n);
+    j->sets++;
+    if (j->in.bar == NULL)
+        cli_progress(&j->bar, (double)j->sets / (double)j->in.n);
     bool own = true;
     if (s->why != DMN_N_DROP && s->why != DMN_DROP_IMAGES)
         j->error = pvx_fail(&j->why, PVX_EINVAL, "frame %06llu: cannot be solved",
@@ -434,6 +436,7 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     describe_cameras(root, j);
     j->list = cJSON_AddArrayToObject(root, "frames");
     j->bar = (struct cli_progress){.label = "reconstruct", .quiet = o->quiet};
+    j->in.bar = j->in.means.n > 0 ? &j->bar : NULL;
     pvx_err e = dmn_pipeline_start(j->pipeline, d);
     dmn_pipeline_join(j->pipeline);
     if (e == PVX_OK && (e = j->error) != PVX_OK)
