@@ -12,6 +12,7 @@ PACKAGES_LINT := git clang clang-format clang-tidy mandoc abigail-tools python3 
 PACKAGES_TEST := $(PACKAGES_LINT) python3-numpy python3-zmq iproute2 libclang-rt-14-dev aravis-tools-cli util-linux \
   mount procps systemd tmux openmpi-bin umockdev hdf5-tools netcdf-bin python3-h5py python3-xarray python3-mypy \
   python3-pip python3-setuptools python3-wheel nftables libopenvdb-tools libnanovdb-tools python3-openvdb \
+  python3-opencv colmap camera-calibration-parsers-tools python3-toml \
   python3-vtk9 weasyprint nodejs openssl ffmpeg faketime node-spdx-expression-parse
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.

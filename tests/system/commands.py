@@ -31,6 +31,7 @@ ssh -L                                  | not: needs another host
 test [^\n]* aravis:192                  | not: addresses of a site (081-cameras.sh)
 --address 127.0.0.2                     | not: needs addresses of this host (055-faults.sh has the faults)
 calibrate( live|.md): pyrovox calibrate live --config pyrovoxd | not: needs a board; the last lines of its --help have one
+import: pyrovox|calibrate import        | not: needs files of other programs (108-exchange.sh)
 colour: pyrovox                         | not: needs coloured light (unit/test_light)
 build/bin/pyrovox demo|demo: pyrovox demo --s | long
 : pyrovox demo( --view)?$               | long; until: sets/s

@@ -12,6 +12,8 @@ static const struct {
     {"board", "a sheet to print: PDF or SVG in true size", calibrate_board},
     {"live", "from the rig's own cameras to rig.yaml, with a screen that guides", calibrate_live},
     {"solve", "from pictures of the board to rig.yaml", calibrate_solve},
+    {"import", "a calibration of another program to rig.yaml", calibrate_import},
+    {"export", "the rig's cameras for another program", calibrate_export},
     {"check", "does a flame agree with the rig; which camera is wrong, and how", calibrate_check},
     {"refine", "poses corrected by a flame", calibrate_refine},
     {"response", "light of each sample value, from a ladder of exposures", calibrate_response},

@@ -1,0 +1,31 @@
+#!/bin/bash
+# Calibrations that other programs wrote, imported, and exported again: exchange.py has the cases and the 0.01 px.
+name=108
+. "$(dirname "$0")/lib.sh"
+"$py" -c 'import cv2, h5py' 2> /dev/null || { echo "no python3 with cv2 and h5py (apt-get install python3-opencv python3-h5py)"; exit 77; }
+for case in opencv opencv-stereo colmap jarvis ros kalibr anipose caliscope matlab agisoft round-trips; do
+    "$py" tests/system/exchange.py "$case" "$pyrovox" "$dir" > "$dir/$case.log" 2>&1
+    code=$?
+    if [ $code = 77 ]; then echo "SKIP $name:$case (apt-get install colmap, or a project of caliscope in PYROVOX_DATA)"; continue; fi
+    check "$case" test $code = 0
+done
+cd "$dir" || exit 1
+out() { run "$pyrovox" calibrate import "$@" --out no.yaml; }
+needs() { # text, files and options...: refused with this text, and nothing is written
+    local text=$1; shift
+    out "$@"
+    says 1 "$text" && ! [ -e no.yaml ]
+}
+box=(--volume "-0.3,-0.3,0.7,0.3,0.3,1.3")
+check asks-for-the-unit needs 'in which unit are the files' opencv.yml "${box[@]}"
+check asks-for-the-volume needs 'where will the flame burn? --volume' opencv.yml --unit m
+check shows-where-cameras-look needs "the cameras' axes pass nearest to 0.03" opencv.yml --unit m
+check asks-for-the-size needs "camera 'cam0': how large are its pictures? --size cam0=WIDTHxHEIGHT" cam0.yaml cam1.yaml --from jarvis --unit mm "${box[@]}"
+check a-wrong-unit-is-named needs 'or a unit of the files is not 0.001 m' opencv.yml --unit mm "${box[@]}"
+check a-volume-elsewhere-is-named needs 'no camera sees the volume' opencv.yml --unit m --volume 9,9,9,9.5,9.5,9.5
+check a-rig-is-no-calibration needs 'is a rig.yaml already' trip-rig.yaml --unit m "${box[@]}"
+run "$pyrovox" calibrate import opencv.yml --unit m "${box[@]}" --out trip-rig.yaml
+check nothing-is-overwritten says 1 'is there already; --force writes over it'
+run "$pyrovox" calibrate export --rig trip-rig.yaml --to jarvis --out no.jarvis
+check a-lens-that-does-not-fit says 1 "jarvis cannot hold its lens"
+exit $rc
