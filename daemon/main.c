@@ -122,6 +122,14 @@ static pvx_err control_record(void *ctx, bool start, const char *path, char *whe
     return e;
 }
 
+static pvx_err control_trigger(void *ctx, const char *name, int64_t *t_ns, struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    return p != NULL ? dmn_live_trigger(p, name, t_ns, d)
+                     : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+}
+
 static pvx_err control_record_volumes(void *ctx, bool start, char *where, size_t size,
                                       struct pvx_diag *d)
 {
@@ -363,6 +371,7 @@ static int daemon_main_run(const struct dmn_config *cfg)
                                   .reset_latency = control_reset,
                                   .stop = control_stop,
                                   .record = control_record,
+                                  .trigger = control_trigger,
                                   .record_volumes = control_record_volumes,
                                   .snapshot = control_snapshot,
                                   .background = control_background,

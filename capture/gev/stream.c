@@ -78,6 +78,7 @@ pvx_err aravis_make_buffers(struct aravis_source *s)
         bs->buffer[bs->n] = arv_buffer_new_full(bytes, bs->memory + bs->n * bs->step,
                                                 GUINT_TO_POINTER(bs->n), NULL);
     s->buffers = bs;
+    cap_source_lock(&s->c, bs->memory, n * bs->step);
     return PVX_OK;
 }
 

@@ -211,7 +211,9 @@ static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *me
     size_t bytes = cap_pixfmt_image(s->fmt, s->layout.mode.width, s->layout.mode.height);
     if (s->layout.frame_bytes > bytes)
         bytes = s->layout.frame_bytes;
-    return cap_bufpool_new(want, bytes, s->c.camera, &s->pool);
+    PVX_TRY(cap_bufpool_new(want, bytes, s->c.camera, &s->pool));
+    cap_bufpool_lock(s->pool, &s->c);
+    return PVX_OK;
 }
 
 /* ---- libcamera's thread ------------------------------------------------------------------------- */

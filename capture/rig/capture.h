@@ -125,6 +125,8 @@ PVX_MUST_CHECK pvx_err cap_capture_next(cap_capture *c, int64_t timeout_ns, stru
 void cap_capture_stop(cap_capture *c);
 void cap_capture_free(cap_capture **c);
 void cap_capture_stats(cap_capture *c, struct cap_stats *out);
+/* What has been counted for one camera; from any thread, returns at once. */
+void cap_capture_counts(const cap_capture *c, uint32_t camera, uint64_t out[CAP_N_COUNT]);
 /* Health of one camera; from any thread, returns at once. */
 void cap_capture_health(const cap_capture *c, uint32_t camera, struct cap_health *out);
 #endif

@@ -75,9 +75,9 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
         cam->cfg.fps = cap->cfg.fps;
     if (cam->cfg.buffers == 0)
         cam->cfg.buffers = DEFAULT_BUFFERS;
-    if (cam->cfg.buffers < 4 || cam->cfg.buffers > 1024)
-        return pvx_fail(d, PVX_EINVAL, "camera %s: %u buffers; 4 to 1024 are possible", cam->name,
-                        cam->cfg.buffers);
+    if (cam->cfg.buffers < 4 + cam->cfg.held || cam->cfg.buffers > CAP_BUFFERS_MAX)
+        return pvx_fail(d, PVX_EINVAL, "camera %s: %u buffers; 4 to %d are possible", cam->name,
+                        cam->cfg.buffers, CAP_BUFFERS_MAX);
     PVX_TRY(can_trigger(cam, d));
     cam->quiet_ns = 5 * cap->period_ns > MIN_QUIET_NS ? 5 * cap->period_ns : MIN_QUIET_NS;
     cam->intake.width = src->width;
@@ -88,7 +88,7 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     cam->own_clock = !cam->shows_real && !mono;
     cap_clockmap_init(&cam->assembly.clock, !cam->own_clock);
     /* Half of the buffers may wait here, the other half is for sets and the driver. */
-    return pvx_ring_new(cam->cfg.buffers / 2, &cam->intake.ring);
+    return pvx_ring_new((cam->cfg.buffers - cam->cfg.held) / 2, &cam->intake.ring);
 }
 
 static void setup_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)

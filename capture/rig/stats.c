@@ -89,3 +89,9 @@ void cap_capture_stats(cap_capture *cap, struct cap_stats *out)
     out->host_step_ns = cap->host.last_step_ns;
     pthread_mutex_unlock(&cap->figures);
 }
+
+void cap_capture_counts(const cap_capture *c, uint32_t camera, uint64_t out[CAP_N_COUNT])
+{
+    for (int k = 0; k < CAP_N_COUNT; k++)
+        out[k] = c->camera[camera].count[k];
+}

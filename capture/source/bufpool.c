@@ -52,7 +52,7 @@ static void put_back(struct cap_frame *f)
 pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool **out)
 {
     *out = NULL;
-    if (n < 1 || n > 1024 || bytes == 0 || bytes > (size_t)1 << 32)
+    if (n < 1 || n > CAP_BUFFERS_MAX || bytes == 0 || bytes > (size_t)1 << 32)
         return PVX_EINVAL;
     size_t step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
     cap_bufpool *p = pvx_calloc(1, sizeof *p);
@@ -135,6 +135,12 @@ void cap_bufpool_resume(cap_bufpool *p)
 void *cap_bufpool_memory(const struct cap_frame *f)
 {
     return ((const struct slot *)f)->mem;
+}
+
+void cap_bufpool_lock(const cap_bufpool *p, const struct cap_source_config *c)
+{
+    size_t step = (p->bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
+    cap_source_lock(c, p->pixels, p->n * step);
 }
 
 size_t cap_bufpool_bytes(const cap_bufpool *p)

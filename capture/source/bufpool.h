@@ -12,7 +12,7 @@
 
 typedef struct cap_bufpool cap_bufpool;
 
-/* n (1..1024) frames of `bytes` each, 64-byte aligned.  The memory is touched here, not later.
+/* n (1..CAP_BUFFERS_MAX) frames of `bytes` each, 64-byte aligned.  The memory is touched here, not later.
  * Errors: PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera,
                                        cap_bufpool **out);
@@ -26,6 +26,8 @@ void cap_bufpool_resume(cap_bufpool *p);
 
 /* A frame's pixel memory, writable (img.data is the const view of it). */
 void *cap_bufpool_memory(const struct cap_frame *f);
+/* As cap_source_lock, for all frames of the pool. */
+void cap_bufpool_lock(const cap_bufpool *p, const struct cap_source_config *c);
 size_t cap_bufpool_bytes(const cap_bufpool *p); /* per frame */
 
 /* Drop the source's reference.  The memory is freed when the last frame in use is released. */

@@ -60,7 +60,7 @@ pvx_err cap_lend_new(unsigned n, unsigned spare, uint32_t camera, const struct c
                      void *ctx, cap_lend **out)
 {
     *out = NULL;
-    if (n < 1 || n > 1024 || spare >= n)
+    if (n < 1 || n > CAP_BUFFERS_MAX + spare || spare >= n)
         return PVX_EINVAL;
     cap_lend *l = pvx_calloc(1, sizeof *l);
     PVX_NEED(l);

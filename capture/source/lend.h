@@ -26,7 +26,7 @@ struct cap_lend_ops {
     void (*destroy)(void *ctx); /* unmap and free; no frame is lent any more */
 };
 
-/* n (1..1024) buffers, at least spare + 1.  ctx must live until destroy().
+/* n (1..CAP_BUFFERS_MAX + spare) buffers, at least spare + 1.  ctx must live until destroy().
  * Errors: PVX_EINVAL, PVX_ENOMEM; destroy is then not called. */
 PVX_MUST_CHECK pvx_err cap_lend_new(unsigned n, unsigned spare, uint32_t camera,
                                     const struct cap_lend_ops *ops, void *ctx, cap_lend **out);

@@ -120,6 +120,8 @@ struct cap_gige {
     bool no_packet_socket;     /* plain UDP even where AF_PACKET is allowed */
 };
 
+#define CAP_BUFFERS_MAX 65536
+
 struct cap_source_config {
     const char *uri;  /* after the scheme: "127.0.0.2", "GV01", "DIR/cam0/%06d.png" */
     const char *name; /* camera's name in the rig, for messages */
@@ -133,7 +135,10 @@ struct cap_source_config {
     bool ptp;                      /* camera clocks are to be synchronized (IEEE 1588) */
     double ptp_offset_us;          /* largest offset from the master; 0 = 10 */
     bool chunks;                   /* exposure and gain of each frame in its data */
-    unsigned buffers;              /* frames in the pool, >= 4 */
+    unsigned buffers;              /* frames in the pool, 4..CAP_BUFFERS_MAX */
+    unsigned
+        held; /* of these, frames that a receiver beside the consumer keeps for long (take/ring.h).  If there
+                         are any, all frame memory is locked, if that is permitted */
     struct cap_gige gige;
     double exposure_us, gain; /* < 0 = leave */
     /* GenICam features, V4L2 or libcamera controls: set at opening and read back */
@@ -143,6 +148,9 @@ struct cap_source_config {
     bool loop;                     /* files: start over at the end */
     const struct cap_scene *scene; /* sim: */
 };
+
+/* Lock the frames' memory if c->held says so.  If it is not permitted, a line of the log gives the remedy. */
+void cap_source_lock(const struct cap_source_config *c, const void *mem, size_t bytes);
 
 /* Errors and lines of the log that begin with "camera NAME (SCHEME:URI): ". */
 #define CAP_FAIL(c, scheme, d, e, fmt, ...) \

@@ -8,7 +8,7 @@
 #include "base/mem.h"
 
 #define MAX_OPEN        32
-#define N_SETS          128 /* open + finished + with the consumer */
+#define N_SETS          128 /* open + finished + with the consumer; those that are held come on top */
 #define DEFAULT_WAIT_NS (150 * PVX_NS_PER_MS)
 #define PATIENT_WAIT_NS (500 * PVX_NS_PER_MS) /* WAIT */
 
@@ -27,9 +27,9 @@ struct slot {
 struct set_pool {
     pthread_mutex_t lock;
     struct slot *free;
-    unsigned n_free;
+    unsigned n, n_free;
     bool orphan;
-    struct slot slots[N_SETS];
+    struct slot slots[]; /* [n] */
 };
 
 struct cap_assembler {
@@ -80,7 +80,7 @@ static void put_slot(struct slot *s)
     s->next = p->free;
     p->free = s;
     p->n_free++;
-    bool last = p->orphan && p->n_free == N_SETS;
+    bool last = p->orphan && p->n_free == p->n;
     pthread_mutex_unlock(&p->lock);
     if (last)
         destroy_pool(p);
@@ -116,15 +116,16 @@ pvx_err cap_assembler_new(const struct cap_assembler_params *params, const struc
     if (p.period_ns > 0 && p.tolerance_ns >= p.period_ns / 2)
         return PVX_EINVAL;
     cap_assembler *a = pvx_calloc(1, sizeof *a);
-    struct set_pool *pool = pvx_calloc(1, sizeof *pool);
+    size_t n = N_SETS + (size_t)p.held;
+    struct set_pool *pool = pvx_calloc(1, sizeof *pool + n * sizeof pool->slots[0]);
     if (a == NULL || pool == NULL) {
         free(a);
         free(pool);
         return PVX_ENOMEM;
     }
     pthread_mutex_init(&pool->lock, NULL);
-    pool->n_free = N_SETS;
-    for (unsigned i = 0; i < N_SETS; i++) {
+    pool->n = pool->n_free = (unsigned)n;
+    for (unsigned i = 0; i < n; i++) {
         pool->slots[i].pool = pool;
         pool->slots[i].next = pool->free;
         pool->free = &pool->slots[i];
@@ -154,7 +155,7 @@ void cap_assembler_free(cap_assembler **ap)
     struct set_pool *p = a->pool;
     pthread_mutex_lock(&p->lock);
     p->orphan = true;
-    bool last = p->n_free == N_SETS;
+    bool last = p->n_free == p->n;
     pthread_mutex_unlock(&p->lock);
     if (last)
         destroy_pool(p);

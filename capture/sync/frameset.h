@@ -55,6 +55,7 @@ struct cap_assembler_params {
     int64_t period_ns;    /* nominal, from fps; 0 = unknown (then tolerance must be given) */
     enum cap_policy policy;
     uint32_t min_cameras; /* PARTIAL, WAIT: fewer are dropped */
+    uint32_t held; /* sets that a receiver beside the consumer keeps for long (take/ring.h) */
 };
 typedef struct cap_assembler cap_assembler;
 /* All cameras count as alive at first.  Only ctx, count and push of `counts` are used.  push takes each frame that

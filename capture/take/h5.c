@@ -109,6 +109,44 @@ hid_t take_h5_gap_type(void)
     return t;
 }
 
+static hid_t word_type(size_t size)
+{
+    hid_t t = H5Tcopy(H5T_C_S1);
+    H5Tset_size(t, size);
+    H5Tset_cset(t, H5T_CSET_UTF8);
+    return t;
+}
+
+hid_t take_h5_trigger_type(void)
+{
+    hid_t t = H5Tcreate(H5T_COMPOUND, sizeof(struct cap_take_trigger)),
+          word = word_type(CAP_TAKE_TRIGGER_MAX);
+    FIELD(t, cap_take_trigger, name, word);
+    FIELD(t, cap_take_trigger, t_ns, H5T_STD_I64LE);
+    FIELD(t, cap_take_trigger, set, H5T_STD_I64LE);
+    FIELD(t, cap_take_trigger, latency_ns, H5T_STD_I64LE);
+    FIELD(t, cap_take_trigger, t_from_ns, H5T_STD_I64LE);
+    FIELD(t, cap_take_trigger, t_to_ns, H5T_STD_I64LE);
+    H5Tclose(word);
+    return t;
+}
+
+hid_t take_h5_lost_type(void)
+{
+    hid_t t = H5Tcreate(H5T_COMPOUND, sizeof(struct cap_take_lost)),
+          word = word_type(CAP_TAKE_LOST_MAX);
+    FIELD(t, cap_take_lost, camera, H5T_STD_U32LE);
+    FIELD(t, cap_take_lost, pad, H5T_STD_U32LE);
+    FIELD(t, cap_take_lost, why, word);
+    FIELD(t, cap_take_lost, frames, H5T_STD_U64LE);
+    FIELD(t, cap_take_lost, id_first, H5T_STD_U64LE);
+    FIELD(t, cap_take_lost, id_last, H5T_STD_U64LE);
+    FIELD(t, cap_take_lost, t_first_ns, H5T_STD_I64LE);
+    FIELD(t, cap_take_lost, t_last_ns, H5T_STD_I64LE);
+    H5Tclose(word);
+    return t;
+}
+
 int take_h5_shape(enum cap_pixfmt fmt, int32_t width, int32_t height, hsize_t dims[4], hid_t *type)
 {
     size_t row = cap_pixfmt_row(fmt, width), item = 1, last = 1;

@@ -75,6 +75,8 @@ bool take_h5_read_rows(hid_t set, hid_t type, int rank, hsize_t width, uint64_t 
 hid_t take_h5_row_type(void);
 hid_t take_h5_set_type(void);
 hid_t take_h5_gap_type(void);
+hid_t take_h5_trigger_type(void);
+hid_t take_h5_lost_type(void);
 
 /* Shape of one frame in its dataset.  Returns the rank: the frame's number and rank - 1 dimensions; 1 = a stream of
  * bytes.  *type = element type (a library constant).  Bytes of a frame: the product of the dimensions. */

@@ -30,6 +30,9 @@ struct piece {
     struct cap_take_set *set;
     int64_t *member; /* [sets][n_cameras] */
     struct cap_take_gap *gap;
+    struct cap_take_trigger *trigger; /* [triggers], of a take that triggers began */
+    struct cap_take_lost *lost;       /* [losses] */
+    uint64_t triggers, losses;
     /* take.c's: */
     uint64_t first
         [PIECE_TABLES]; /* index in the whole take of its first frame of each camera, set and gap */

@@ -66,6 +66,51 @@ static pvx_err take_read_gaps(struct piece *p, struct pvx_diag *d)
     return e;
 }
 
+/* A table that only some takes have.  *rows = NULL: it is not there. */
+static pvx_err read_optional(struct piece *p, const char *name, hid_t type, size_t size,
+                             void **rows, uint64_t *n, struct pvx_diag *d)
+{
+    pvx_err e = PVX_OK;
+    if (H5Lexists(p->file, name, H5P_DEFAULT) > 0) {
+        hid_t set = take_h5_open_table(p->file, name, type, 1, NULL, n);
+        if (set < 0 || (*rows = read_table(p, set, type, 1, 1, size, n)) == NULL)
+            e = read_wrong(p, d, name);
+        if (set >= 0)
+            H5Dclose(set);
+    }
+    H5Tclose(type);
+    return e;
+}
+
+static void end_text(char *text, size_t size)
+{
+    text[size - 1] = '\0';
+    for (char *c = text; *c != '\0'; c++)
+        if ((unsigned char)*c < ' ')
+            *c = '?';
+}
+
+/* The triggers that began the take, and the frames that it lacks. */
+static pvx_err read_triggers(struct piece *p, struct pvx_diag *d)
+{
+    void *triggers = NULL, *losses = NULL;
+    pvx_err e = read_optional(p, "triggers", take_h5_trigger_type(), sizeof *p->trigger, &triggers,
+                              &p->triggers, d);
+    pvx_err f =
+        read_optional(p, "lost", take_h5_lost_type(), sizeof *p->lost, &losses, &p->losses, d);
+    p->trigger = triggers;
+    p->lost = losses;
+    p->head.triggered = triggers != NULL;
+    for (uint64_t i = 0; triggers != NULL && i < p->triggers; i++)
+        end_text(p->trigger[i].name, sizeof p->trigger[i].name);
+    for (uint64_t i = 0; losses != NULL && i < p->losses; i++) {
+        end_text(p->lost[i].why, sizeof p->lost[i].why);
+        if (p->lost[i].camera >= p->head.n_cameras)
+            p->losses = i;
+    }
+    return e != PVX_OK ? e : f;
+}
+
 /* ---- cameras ---- */
 
 /* Whether ns can be subtracted from other times, and repeated in turns (source.c), without overflow. */
@@ -337,7 +382,8 @@ static pvx_err take_read_all(struct piece *p, struct pvx_diag *d)
     PVX_TRY(take_read_head(p, d));
     PVX_TRY(read_cameras(p, d));
     PVX_TRY(read_sets(p, d));
-    return take_read_gaps(p, d);
+    PVX_TRY(take_read_gaps(p, d));
+    return read_triggers(p, d);
 }
 
 pvx_err piece_open(const char *path, struct piece **out, struct pvx_diag *d)
@@ -383,6 +429,8 @@ void piece_free(struct piece **pp)
     free(p->set);
     free(p->member);
     free(p->gap);
+    free(p->trigger);
+    free(p->lost);
     free(p->path);
     free(p);
 }

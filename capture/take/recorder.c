@@ -256,6 +256,11 @@ static pvx_err write_gaps(cap_recorder *r, struct pvx_diag *d)
     }
 }
 
+static pvx_err write_beside(cap_recorder *r, struct pvx_diag *d)
+{
+    return r->cfg.beside != NULL ? r->cfg.beside(r->cfg.ctx, r->take, d) : PVX_OK;
+}
+
 static void tell_about(cap_recorder *r, const struct item *it)
 {
     for (uint32_t c = 0; c < r->cfg.n_cameras && r->cfg.health != NULL; c++)
@@ -276,6 +281,7 @@ static pvx_err write_item(cap_recorder *r, const struct item *it, struct pvx_dia
     else
         PVX_TRY(cap_take_put_stray(r->take, it->stray, it->why, d));
     PVX_TRY(write_gaps(r, d));
+    PVX_TRY(write_beside(r, d));
     PVX_TRY(cap_take_commit(r->take, d));
     pthread_mutex_lock(&r->lock);
     r->stats.sets += it->set != NULL;
@@ -387,6 +393,8 @@ static void recorder_finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
 {
     pvx_err gap_error = r->take != NULL ? write_gaps(r, d) : PVX_OK;
     PVX_THEN(e, gap_error);
+    pvx_err beside_error = r->take != NULL ? write_beside(r, d) : PVX_OK;
+    PVX_THEN(e, beside_error);
     pvx_err close_error = cap_take_close(&r->take, d); /* text of the first cause stays */
     PVX_THEN(e, close_error);
     pthread_mutex_lock(&r->lock);

@@ -31,6 +31,9 @@ struct cap_recorder_config {
     int64_t roll_ns;          /* length of a take; 0 = one take of any length */
     /* Reads a camera's state; the tap calls it for each of its frames in a set.  NULL = not known. */
     void (*health)(void *ctx, uint32_t camera, struct cap_health *out);
+    /* Puts other rows into the take: the writer's thread calls it after each set, and before it closes the take.
+     * NULL = there are none. */
+    pvx_err (*beside)(void *ctx, cap_take_writer *w, struct pvx_diag *d);
     void *ctx;
 };
 enum cap_recorder_state { CAP_REC_IDLE, CAP_REC_RUNNING, CAP_REC_ENDED, CAP_REC_FAILED };

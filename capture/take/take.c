@@ -233,6 +233,10 @@ static pvx_err take_add(cap_take *t, struct piece *p)
     p->first[PIECE_GAPS] = i->gaps;
     i->sets += p->sets;
     i->gaps += p->gaps;
+    if (i->pieces == 1) {
+        i->triggers = p->triggers;
+        i->lost = p->losses;
+    }
     i->sets_lost += p->sets_lost;
     if (++t->open->n > OPEN_MAX_FILES) {
         piece_shut(p);
@@ -462,6 +466,16 @@ const struct cap_take_gap *cap_take_gap(const cap_take *t, uint64_t k)
 {
     const struct piece *p = take_piece_of(t, PIECE_GAPS, k);
     return &p->gap[k - p->first[PIECE_GAPS]];
+}
+
+const struct cap_take_trigger *cap_take_trigger(const cap_take *t, uint64_t k)
+{
+    return &t->piece[0]->trigger[k];
+}
+
+const struct cap_take_lost *cap_take_lost(const cap_take *t, uint64_t k)
+{
+    return &t->piece[0]->lost[k];
 }
 
 size_t cap_take_frame_max(const cap_take *t, uint32_t camera)

@@ -55,6 +55,25 @@ struct cap_take_gap {
     int64_t t_first_ns, t_last_ns;
 };
 
+/* A take that triggers began (ring.h) also names these triggers, the first first. */
+#define CAP_TAKE_TRIGGER_MAX 48
+struct cap_take_trigger {
+    char name[CAP_TAKE_TRIGGER_MAX];
+    int64_t t_ns;               /* its instant, UTC */
+    int64_t set;                /* the set that it is about; -1 = none */
+    int64_t latency_ns;         /* from the instant to the order; -1 = not of a set */
+    int64_t t_from_ns, t_to_ns; /* exposures that it asks for */
+};
+/* Frames of one camera that such a take should have and has not: those that capture never delivered too. */
+#define CAP_TAKE_LOST_MAX 24
+struct cap_take_lost {
+    uint32_t camera, pad;
+    char why[CAP_TAKE_LOST_MAX]; /* a name of cap_count_defs, or one of ring.h */
+    uint64_t frames;
+    uint64_t id_first, id_last;    /* 0 0 = not numbered */
+    int64_t t_first_ns, t_last_ns; /* exposures of the frames around them */
+};
+
 /* One camera of a take.  The writer gets name, uri and settings here, the rest from frames and cap_take_about. */
 struct cap_take_camera {
     const char *name, *uri;
@@ -75,6 +94,7 @@ struct cap_take_head {
     int64_t t_created_ns;
     int64_t t_began_ns; /* t_created_ns of the first file; 0 = this is it, or not known */
     double fps;         /* nominal */
+    bool triggered;     /* it has the tables of triggers and of lost frames */
     uint32_t n_cameras;
     const struct cap_take_camera *camera; /* [n_cameras] */
 };
@@ -93,6 +113,11 @@ PVX_MUST_CHECK pvx_err cap_take_put_stray(cap_take_writer *w, const struct cap_f
                                           enum cap_take_why why, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g,
                                         struct pvx_diag *d);
+/* Only for a take whose head says `triggered`. */
+PVX_MUST_CHECK pvx_err cap_take_put_trigger(cap_take_writer *w, const struct cap_take_trigger *t,
+                                            struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err cap_take_put_lost(cap_take_writer *w, const struct cap_take_lost *l,
+                                         struct pvx_diag *d);
 /* What is now known of a camera.  It is written with the camera's first frame, and again when the file is closed.
  * "" and NAN keep the value that is known. */
 void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, double temperature_c);
@@ -119,6 +144,7 @@ void cap_take_free(cap_take **t);
 struct cap_take_info {
     struct cap_take_head head; /* strings belong to the take */
     uint64_t sets, gaps;
+    uint64_t triggers, lost; /* rows, of the first file */
     bool closed; /* the last file ended in order; else it was cut off, or is being recorded */
     /* Sets with a row but without all that it refers to, and set numbers between two files if one is missing. */
     uint64_t sets_lost;
@@ -140,6 +166,8 @@ const struct cap_take_set *cap_take_set(const cap_take *t, uint64_t k, const int
 int64_t cap_take_find_set(const cap_take *t, int64_t number);
 const struct cap_take_row *cap_take_row(const cap_take *t, uint32_t camera, uint64_t row);
 const struct cap_take_gap *cap_take_gap(const cap_take *t, uint64_t k);
+const struct cap_take_trigger *cap_take_trigger(const cap_take *t, uint64_t k);
+const struct cap_take_lost *cap_take_lost(const cap_take *t, uint64_t k);
 /* Bytes of the largest frame of a camera: the room that cap_take_read needs. */
 size_t cap_take_frame_max(const cap_take *t, uint32_t camera);
 /* From now on only frames of the sets [first, end) will be read.  Frees, file by file, what only other sets need. */

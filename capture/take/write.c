@@ -38,7 +38,9 @@ struct cap_take_writer {
     char *path;
     struct take_h5_room room;
     hid_t file, sets, members, gaps, row_type, set_type, gap_type;
-    bool swmr, goes_on;
+    hid_t triggers, lost, trigger_type, lost_type; /* the tables only if `triggered` */
+    uint64_t n_triggers, n_lost;
+    bool swmr, goes_on, triggered;
     uint32_t n_cameras;
     struct camera *camera;
     uint64_t n_sets, n_gaps, n_frames, bytes;
@@ -65,6 +67,11 @@ static bool open_tables(cap_take_writer *w)
     w->members = H5Dopen2(w->file, "members", H5P_DEFAULT);
     w->gaps = H5Dopen2(w->file, "gaps", H5P_DEFAULT);
     bool ok = w->sets >= 0 && w->members >= 0 && w->gaps >= 0;
+    if (ok && w->triggered) {
+        w->triggers = H5Dopen2(w->file, "triggers", H5P_DEFAULT);
+        w->lost = H5Dopen2(w->file, "lost", H5P_DEFAULT);
+        ok = w->triggers >= 0 && w->lost >= 0;
+    }
     for (uint32_t c = 0; c < w->n_cameras && ok; c++) {
         struct camera *k = &w->camera[c];
         char name[CAP_TAKE_NAME_MAX + 24];
@@ -155,7 +162,10 @@ static bool make_root(cap_take_writer *w, const struct cap_take_head *h)
     return make_attributes(w, h) && make_groups(w) &&
            take_h5_make_table(w->file, "sets", w->set_type, 1, &rows, &w->sets) &&
            take_h5_make_table(w->file, "members", H5T_STD_I64LE, 2, members, &w->members) &&
-           take_h5_make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps);
+           take_h5_make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps) &&
+           (!w->triggered ||
+            (take_h5_make_table(w->file, "triggers", w->trigger_type, 1, &rows, &w->triggers) &&
+             take_h5_make_table(w->file, "lost", w->lost_type, 1, &rows, &w->lost)));
 }
 
 /* The text has room for a longer serial number later. */
@@ -228,6 +238,9 @@ static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_t
     w->row_type = take_h5_row_type();
     w->set_type = take_h5_set_type();
     w->gap_type = take_h5_gap_type();
+    w->trigger_type = take_h5_trigger_type();
+    w->lost_type = take_h5_lost_type();
+    w->triggered = h->triggered;
     w->path = strdup(path);
     w->camera = pvx_calloc(h->n_cameras, sizeof *w->camera);
     w->member = pvx_calloc(h->n_cameras, sizeof *w->member);
@@ -256,6 +269,8 @@ static void free_writer(cap_take_writer *w)
     H5Tclose(w->row_type);
     H5Tclose(w->set_type);
     H5Tclose(w->gap_type);
+    H5Tclose(w->trigger_type);
+    H5Tclose(w->lost_type);
     for (uint32_t c = 0; c < w->n_cameras; c++) {
         free(w->camera[c].name);
         free(w->camera[c].uri);
@@ -450,6 +465,32 @@ pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g, struc
         return write_fail(w, "cannot be written", d);
     w->n_gaps++;
     return PVX_OK;
+}
+
+/* Append a row to a small table. */
+static pvx_err put_row(cap_take_writer *w, hid_t table, hid_t type, uint64_t *n, const void *row,
+                       struct pvx_diag *d)
+{
+    take_h5_init();
+    if (!w->triggered)
+        return pvx_fail(d, PVX_EINVAL, "%s: was not begun by a trigger", w->path);
+    PVX_TRY(write_reserve(w, 0, d));
+    PVX_TRY(start_swmr(w, d));
+    if (!take_h5_append(table, type, 0, *n, 1, row))
+        return write_fail(w, "cannot be written", d);
+    ++*n;
+    return PVX_OK;
+}
+
+pvx_err cap_take_put_trigger(cap_take_writer *w, const struct cap_take_trigger *t,
+                             struct pvx_diag *d)
+{
+    return put_row(w, w->triggers, w->trigger_type, &w->n_triggers, t, d);
+}
+
+pvx_err cap_take_put_lost(cap_take_writer *w, const struct cap_take_lost *l, struct pvx_diag *d)
+{
+    return put_row(w, w->lost, w->lost_type, &w->n_lost, l, d);
 }
 
 pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d)

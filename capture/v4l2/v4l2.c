@@ -171,7 +171,9 @@ static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
     size_t most = 0;
     for (unsigned i = 0; i < n; i++)
         most = bs->at[i].bytes > most ? bs->at[i].bytes : most;
-    return cap_bufpool_new(want, most, s->c.camera, &s->pool);
+    PVX_TRY(cap_bufpool_new(want, most, s->c.camera, &s->pool));
+    cap_bufpool_lock(s->pool, &s->c);
+    return PVX_OK;
 }
 
 /* ---- the camera's thread ---------------------------------------------------------------------- */

@@ -151,6 +151,8 @@ static pvx_err config_set(const pvx_yaml *y, int node, const struct dmn_option *
     case DMN_TEXTS: return set_texts(y, node, o, m, d);
     case DMN_PAIRS:
     case DMN_CAMERAS: return set_pairs(y, node, o, m, d);
+    case DMN_RING: return dmn_ring_read(y, node, o->key, m, d);
+    case DMN_TRIGGERS: return dmn_triggers_read(y, node, o->key, m, d);
     }
     return PVX_EINVAL;
 }
@@ -341,6 +343,8 @@ static void print_value(FILE *f, const struct dmn_option *o, const void *m, cons
         fputc(']', f);
         break;
     }
+    case DMN_RING: dmn_ring_print(f, m); break;
+    case DMN_TRIGGERS: dmn_triggers_print(f, m); break;
     case DMN_PAIRS:
     case DMN_CAMERAS: {
         const struct dmn_pairs *v = m;

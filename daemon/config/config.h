@@ -16,6 +16,7 @@
 #include "capture/sync/frameset.h"
 #include "capture/pixel/pixfmt.h"
 #include "daemon/config/options.h"
+#include "daemon/config/triggers.h"
 #include "recon/frame/frame.h"
 #include "recon/geom/rig.h"
 
@@ -98,9 +99,11 @@ struct dmn_config {
     int record_volumes; /* 0 none, 1 npy, 2 hdf5, 3 vdb, 4 nvdb */
     char record_volumes_path[DMN_WORD_MAX];
     double record_limit_gb, record_roll_s, record_keep_free_gb, record_sync_s;
+    struct dmn_ring ring;
+    struct dmn_triggers triggers;
 
     int64_t sim_seed;
-    double sim_period_s;
+    double sim_period_s, sim_ignite_s;
 };
 
 /* All defaults; dir "." */

@@ -256,6 +256,11 @@ const struct dmn_option dmn_options[] = {
          "Period of forcing recorded data to the disk, against a power cut. 0: never. A crash "
          "of the daemon loses nothing in either case."),
 
+    {"record.ring", DMN_RING, AT(ring), "{}", 0, 0, "", NULL,
+     "The last seconds of raw frames of all cameras, always kept in memory for triggers. "
+     "{ seconds: 5, memory: 8GB }: so long, and no more than this memory. pre and post: seconds "
+     "before and after the instant that an order without a name of `triggers` writes, 2 and 3 by "
+     "default. Empty: none."},
     CHOICE("record.volumes", record_volumes, "none", "none|npy|hdf5|vdb|nvdb",
            "Record the volumes from the start, by `pyrovox record --format` beside the daemon. "
            "It ends with the daemon and is started again after a crash."),
@@ -264,8 +269,17 @@ const struct dmn_option dmn_options[] = {
      "File or folder of these volumes. % as in record.path. The session, which raw takes "
      "carry too, and .h5 are added to it."},
 
+    {"triggers", DMN_TRIGGERS, AT(triggers), "[]", 0, 0, "", NULL,
+     "What makes a take of the frames in record.ring, each with a name. { name: ignition, when: "
+     "appears, pre: 2, post: 3 } writes from 2 s before to 3 s after. when: order, light, height, "
+     "change, appears or vanishes. Instead of when: at, a time in UTC. Levels: above, release, "
+     "box, agree (sets), hold_off (s)."},
+
     INT("sim.seed", sim_seed, "1", 0, 4294967295.0, "", "Flame of the sim: cameras."),
     REAL("sim.period_s", sim_period_s, "2", 0.01, 3600, "s", "Period of the flame's motion."),
+    REAL("sim.ignite_s", sim_ignite_s, "0", 0, 3600, "s",
+         "The flame ignites once in each of these periods, at a random time, and burns for a third "
+         "of it. 0: it always burns."),
 };
 const size_t dmn_n_options = sizeof dmn_options / sizeof dmn_options[0];
 

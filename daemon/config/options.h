@@ -10,16 +10,18 @@
 #include <stddef.h>
 
 enum dmn_type {
-    DMN_BOOL,   /* int */
-    DMN_INT,    /* int64_t in [min,max] */
-    DMN_REAL,   /* double in [min,max] */
-    DMN_TEXT,   /* char[size] */
-    DMN_CHOICE, /* int: index into `choices` */
-    DMN_FORMAT, /* int: enum cap_pixfmt, 0 = auto */
-    DMN_INTS,   /* struct dmn_ints, each in [min,max] */
-    DMN_TEXTS,  /* struct dmn_texts */
-    DMN_PAIRS,  /* struct dmn_pairs: a mapping of words to words */
-    DMN_CAMERAS /* struct dmn_pairs: a mapping, or one pattern for all (key "") */
+    DMN_BOOL,    /* int */
+    DMN_INT,     /* int64_t in [min,max] */
+    DMN_REAL,    /* double in [min,max] */
+    DMN_TEXT,    /* char[size] */
+    DMN_CHOICE,  /* int: index into `choices` */
+    DMN_FORMAT,  /* int: enum cap_pixfmt, 0 = auto */
+    DMN_INTS,    /* struct dmn_ints, each in [min,max] */
+    DMN_TEXTS,   /* struct dmn_texts */
+    DMN_PAIRS,   /* struct dmn_pairs: a mapping of words to words */
+    DMN_CAMERAS, /* struct dmn_pairs: a mapping, or one pattern for all (key "") */
+    DMN_RING,    /* struct dmn_ring (triggers.h) */
+    DMN_TRIGGERS /* struct dmn_triggers (triggers.h) */
 };
 
 #define DMN_WORD_MAX  256

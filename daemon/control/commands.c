@@ -4,6 +4,7 @@
 #include <cjson/cJSON.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -139,6 +140,33 @@ static size_t record(OPS)
     return e == PVX_OK ? done_there(where, to) : dmn_answer_error(to, pvx_diag_text(&d, e));
 }
 
+static size_t commands_trigger(OPS)
+{
+    const char *name = commands_text_of(request, "name");
+    int64_t t_ns = 0;
+    struct pvx_diag d = {""};
+    struct dmn_json j;
+    if (cJSON_HasObjectItem(request, "name") && name == NULL)
+        return dmn_answer_error(to, "name should be the text of a trigger's name");
+    if (ops->trigger == NULL)
+        return dmn_answer_error(to, "a trigger is not possible here");
+    pvx_err e = ops->trigger(ops->ctx, name, &t_ns, &d);
+    if (e != PVX_OK)
+        return dmn_answer_error(to, pvx_diag_text(&d, e));
+    time_t s = (time_t)(t_ns / PVX_NS_PER_S);
+    struct tm tm;
+    char when[40] = "";
+    if (gmtime_r(&s, &tm) != NULL)
+        strftime(when, sizeof when, "%Y-%m-%dT%H:%M:%SZ", &tm);
+    dmn_json_init(&j, to.text, to.size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_int(&j, "t_ns", t_ns);
+    dmn_json_str(&j, "instant", when);
+    dmn_json_close(&j, '}');
+    return dmn_json_end(&j);
+}
+
 static size_t commands_snapshot(OPS)
 {
     const char *file, *why;
@@ -243,6 +271,10 @@ const struct dmn_command dmn_commands[] = {
      "a take of raw frames, a NAME goes to the folder of record.path; or a recording of volumes, "
      "which goes to record.volumes_path",
      record},
+    {"trigger", "name", "[NAME]",
+     "a take of the raw frames in memory (record.ring) around now; a NAME of `triggers` in "
+     "pyrovoxd.yaml gives how long before and after",
+     commands_trigger},
     {"snapshot", "name path", "[NAME|/PATH]",
      "one frame set, the volume made of it and the status into a folder, to look at later or to "
      "send to somebody; a NAME is beside record.path",

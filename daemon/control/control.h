@@ -26,6 +26,8 @@ struct dmn_control_ops {
     pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
                       struct pvx_diag *d);
     /* The same for volumes, where the configuration says. */
+    /* name NULL: a trigger without a name; *t_ns: its instant */
+    pvx_err (*trigger)(void *ctx, const char *name, int64_t *t_ns, struct pvx_diag *d);
     pvx_err (*record_volumes)(void *ctx, bool start, char *where, size_t size, struct pvx_diag *d);
     /* One frame set, its volume and the status into a folder, named as a take.  NULL = cannot. */
     pvx_err (*snapshot)(void *ctx, const char *path, char *where, size_t size, struct pvx_diag *d);

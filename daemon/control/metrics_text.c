@@ -140,6 +140,46 @@ static void latency(FILE *f, const struct dmn_state *s)
     fprintf(f, "pyrovox_latency_seconds_count %llu\n", (unsigned long long)s->latency_n);
 }
 
+static void ring_metrics(FILE *f, const struct dmn_state *s)
+{
+    const struct cap_ring_stats *r = &s->ring;
+    if (r->frames == 0)
+        return;
+    gauge(f, "ring_seconds", "raw frames in memory, from the oldest to the newest", r->seconds);
+    gauge(f, "ring_bytes", "of raw frames in memory", (double)r->bytes);
+    gauge(f, "ring_bytes_limit", "record.ring.memory", (double)r->bytes_max);
+    gauge(f, "ring_writing", "1 while a take of a trigger is written", r->writing);
+    counter(f, "ring_takes_total", "takes of triggers that were closed", r->takes);
+    counter(f, "ring_takes_failed_total", "takes of triggers that could not be written whole",
+            r->failed);
+    counter(f, "ring_frames_written_total", "frames in takes of triggers", r->written);
+    family(f, "ring_frames_lost_total", "counter", "frames that these takes lack, by cause");
+    for (int i = 0; i < CAP_RING_N_WHY; i++) {
+        fputs("pyrovox_ring_frames_lost_total{", f);
+        control_label(f, "cause", cap_ring_why_name((enum cap_ring_why)i));
+        fprintf(f, "} %llu\n", (unsigned long long)r->lost[i]);
+    }
+    family(f, "trigger_fired_total", "counter", "how often a trigger fired");
+    for (size_t i = 0; i < s->triggers.n; i++) {
+        fputs("pyrovox_trigger_fired_total{", f);
+        control_label(f, "trigger", s->triggers.item[i].name);
+        fprintf(f, "} %llu\n", (unsigned long long)s->triggers.item[i].fired);
+    }
+    family(f, "trigger_value", "gauge", "what a trigger judged in the last volume");
+    for (size_t i = 0; i < s->triggers.n; i++) {
+        fputs("pyrovox_trigger_value{", f);
+        control_label(f, "trigger", s->triggers.item[i].name);
+        fprintf(f, "} %.9g\n", s->triggers.item[i].value);
+    }
+    family(f, "trigger_latency_seconds", "summary", "from a set's exposure to the trigger's event");
+    fprintf(f, "pyrovox_trigger_latency_seconds{quantile=\"0.5\"} %.9g\n",
+            s->triggers.latency_p50_ms * 1e-3);
+    fprintf(f, "pyrovox_trigger_latency_seconds{quantile=\"0.99\"} %.9g\n",
+            s->triggers.latency_p99_ms * 1e-3);
+    fprintf(f, "pyrovox_trigger_latency_seconds_count %llu\n",
+            (unsigned long long)s->triggers.latency_n);
+}
+
 char *dmn_metrics_text(const struct dmn_state *s)
 {
     char *text = NULL;
@@ -164,6 +204,7 @@ char *dmn_metrics_text(const struct dmn_state *s)
           s->record.state != CAP_REC_IDLE);
     gauge(f, "record_sets_missed", "of the take at hand: sets that were not recorded",
           (double)s->record.sets_missed);
+    ring_metrics(f, s);
     gauge(f, "volumes_active", "1 while volumes are recorded beside the daemon",
           s->volumes.running);
     gauge(f, "volumes_written", "by the recording at hand", (double)s->volumes.written);

@@ -184,6 +184,63 @@ static void json_record(struct dmn_json *j, const struct cap_recorder_stats *r)
     dmn_json_close(j, '}');
 }
 
+static void json_ring(struct dmn_json *j, const struct dmn_state *s)
+{
+    const struct cap_ring_stats *r = &s->ring;
+    if (r->frames == 0)
+        return;
+    dmn_json_open(j, "ring", '{');
+    seconds(j, "seconds", r->seconds);
+    dmn_json_int(j, "frames", r->held);
+    dmn_json_int(j, "frames_max", r->frames);
+    dmn_json_int(j, "bytes", (long long)r->bytes);
+    dmn_json_int(j, "bytes_most", (long long)r->bytes_most);
+    dmn_json_int(j, "bytes_max", (long long)r->bytes_max);
+    dmn_json_bool(j, "writing", r->writing);
+    dmn_json_int(j, "waiting", r->waiting);
+    dmn_json_int(j, "triggers", (long long)r->triggers);
+    dmn_json_int(j, "extended", (long long)r->extended);
+    dmn_json_int(j, "takes", (long long)r->takes);
+    dmn_json_int(j, "failed", (long long)r->failed);
+    dmn_json_int(j, "written", (long long)r->written);
+    dmn_json_open(j, "lost", '{');
+    for (int i = 0; i < CAP_RING_N_WHY; i++)
+        if (r->lost[i] > 0)
+            dmn_json_int(j, cap_ring_why_name((enum cap_ring_why)i), (long long)r->lost[i]);
+    dmn_json_close(j, '}');
+    dmn_json_str(j, "name", r->name);
+    dmn_json_int(j, "t_ns", r->t_ns);
+    dmn_json_str(j, "path", r->path);
+    dmn_json_str(j, "error", r->error);
+    dmn_json_close(j, '}');
+}
+
+static void json_triggers(struct dmn_json *j, const struct dmn_triggers_state *t)
+{
+    dmn_json_open(j, "triggers", '[');
+    for (size_t i = 0; i < t->n; i++) {
+        dmn_json_open(j, NULL, '{');
+        dmn_json_str(j, "name", t->item[i].name);
+        dmn_json_str(j, "when", dmn_when_names[t->item[i].when]);
+        dmn_json_str(j, "unit", dmn_when_units[t->item[i].when]);
+        dmn_json_num(j, "above", t->item[i].above);
+        dmn_json_num(j, "value", t->item[i].value);
+        dmn_json_bool(j, "ready", t->item[i].ready);
+        dmn_json_int(j, "fired", (long long)t->item[i].fired);
+        dmn_json_int(j, "last_ns", t->item[i].last_ns);
+        dmn_json_close(j, '}');
+    }
+    dmn_json_close(j, ']');
+    if (t->latency_n == 0)
+        return;
+    dmn_json_open(j, "trigger_latency_ms", '{');
+    dmn_json_int(j, "n", (long long)t->latency_n);
+    dmn_json_num(j, "p50", t->latency_p50_ms);
+    dmn_json_num(j, "p99", t->latency_p99_ms);
+    dmn_json_num(j, "max", t->latency_max_ms);
+    dmn_json_close(j, '}');
+}
+
 static void json_volumes(struct dmn_json *j, const struct dmn_beside_state *v)
 {
     dmn_json_open(j, "record_volumes", '{');
@@ -265,6 +322,8 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     json_stages(&j, s);
     json_record(&j, &s->record);
     json_volumes(&j, &s->volumes);
+    json_ring(&j, s);
+    json_triggers(&j, &s->triggers);
     dmn_json_close(&j, '}');
     return dmn_json_end(&j);
 }

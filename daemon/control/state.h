@@ -9,6 +9,8 @@
 #include <stdint.h>
 #include "capture/rig/capture.h"
 #include "capture/take/recorder.h"
+#include "capture/take/ring.h"
+#include "daemon/config/triggers.h"
 #include "daemon/control/belong.h"
 #include "daemon/control/checks.h"
 #include "daemon/control/votes.h"
@@ -75,6 +77,21 @@ struct dmn_beside_state {
     char error[512]; /* the last error that it reported, "" = nothing was wrong */
 };
 
+/* The triggers of record.ring (daemon/pipeline/triggers.h). */
+struct dmn_triggers_state {
+    size_t n;
+    struct {
+        char name[DMN_TRIGGER_NAME_MAX];
+        enum dmn_when when;
+        double above, value; /* its level, and the last volume's value */
+        bool ready;          /* fires when the value is above */
+        uint64_t fired;
+        int64_t last_ns; /* last instant, UTC; 0 = none */
+    } item[DMN_TRIGGERS_MAX];
+    uint64_t latency_n; /* from a set's exposure to its event */
+    double latency_p50_ms, latency_p99_ms, latency_max_ms;
+};
+
 struct dmn_state {
     double uptime_s;
     char open_to[256]; /* an endpoint that lets all clients in (insecure: true); "" = none */
@@ -105,6 +122,8 @@ struct dmn_state {
     struct dmn_belong belong;
     struct cap_stats capture;
     struct cap_recorder_stats record;
+    struct cap_ring_stats ring;
+    struct dmn_triggers_state triggers;
     struct dmn_beside_state volumes;
     struct dmn_stage_state stage[DMN_N_STAGES];
     uint64_t previews_made, previews_subscribers;

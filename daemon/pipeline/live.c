@@ -36,9 +36,10 @@ struct dmn_live {
     dmn_scene *scene; /* NULL: no camera is simulated */
     struct dmn_sources sources;
     cap_capture *capture;
-    dmn_recording *recording; /* NULL = cannot */
-    dmn_beside *beside;       /* NULL = cannot */
-    dmn_photometry *light;    /* NULL = none */
+    dmn_recording *recording;   /* NULL = cannot */
+    dmn_triggers_run *triggers; /* NULL: no ring */
+    dmn_beside *beside;         /* NULL = cannot */
+    dmn_photometry *light;      /* NULL = none */
     dmn_images *images;
     dmn_background *background;
     dmn_instant *instant;
@@ -90,12 +91,16 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     l->out.rig_text = l->rig_text;
     PVX_TRY(pvx_pool_new((unsigned)c->threads, "work", &l->pool));
     if (dmn_config_simulated(c))
-        PVX_TRY(dmn_scene_new(&l->rig, (uint32_t)c->sim_seed, c->sim_period_s, &l->scene));
+        PVX_TRY(dmn_scene_new(&l->rig, (uint32_t)c->sim_seed, c->sim_period_s, c->sim_ignite_s,
+                              &l->scene));
     PVX_TRY(dmn_sources_init(&l->sources, c, &l->rig, dmn_scene_cap(l->scene), d));
     uint64_t *session = &l->out.start.session;
     if (getrandom(session, sizeof *session, 0) != (ssize_t)sizeof *session)
         *session = (uint64_t)pvx_now_real();
     PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, &l->capture, *session, &l->recording, d));
+    if (dmn_recording_ring(l->recording) != NULL)
+        PVX_TRY(dmn_triggers_new(c, dmn_recording_ring(l->recording), &l->triggers));
+    l->out.triggers = l->triggers;
     PVX_TRY(dmn_beside_new(c, *session, &l->beside, d));
     PVX_TRY(find_light(l, d)); /* sets gains of the rig to 1; the recording has copied them */
     PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));
@@ -257,6 +262,8 @@ pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d)
         PVX_TRY(dmn_recording_start(l->recording, NULL, where, sizeof where, d));
     if (l->cfg.record_volumes != 0)
         PVX_TRY(dmn_beside_start(l->beside, where, sizeof where, d));
+    if (dmn_recording_ring(l->recording) != NULL)
+        PVX_TRY(cap_ring_start(dmn_recording_ring(l->recording), d));
     PVX_TRY(cap_capture_start(l->capture, d));
     return dmn_pipeline_start(l->pipeline, d);
 }
@@ -274,6 +281,8 @@ void dmn_live_stop(dmn_live *l, const char *reason)
     cap_capture_stop(l->capture); /* carve sees the end, then each later stage */
     dmn_pipeline_join(l->pipeline);
     dmn_beside_end(l->beside);
+    if (dmn_recording_ring(l->recording) != NULL)
+        cap_ring_stop(dmn_recording_ring(l->recording));
     struct cap_recorder_stats s;
     dmn_recording_stats(l->recording, &s);
     char where[PATH_MAX];
@@ -292,6 +301,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_beside_free(&l->beside);
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
+    dmn_triggers_free(&l->triggers);
     rec_average_free(&l->average);   /* after the pipeline's solver, which uses it */
     dmn_watch_free(&l->watch);       /* after the pipeline, which offers it sets */
     dmn_previews_free(&l->previews); /* likewise */
@@ -325,6 +335,9 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     dmn_publish_state(&l->out, out);
     cap_capture_stats(l->capture, &out->capture);
     dmn_recording_stats(l->recording, &out->record);
+    if (dmn_recording_ring(l->recording) != NULL)
+        cap_ring_stats(dmn_recording_ring(l->recording), &out->ring);
+    dmn_triggers_state(l->triggers, &out->triggers);
     dmn_beside_state(l->beside, &out->volumes);
     out->spread_p50_ms = (double)pvx_hist_quantile(&out->capture.spread, 0.5) * 1e-6;
     out->spread_p99_ms = (double)pvx_hist_quantile(&out->capture.spread, 0.99) * 1e-6;
@@ -347,6 +360,11 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
 {
     return start ? dmn_recording_start(l->recording, path, where, size, d)
                  : dmn_recording_stop(l->recording, where, size, d);
+}
+
+pvx_err dmn_live_trigger(dmn_live *l, const char *name, int64_t *t_ns, struct pvx_diag *d)
+{
+    return dmn_triggers_order(l->triggers, name, t_ns, d);
 }
 
 pvx_err dmn_live_check_begin(dmn_live *l, struct pvx_diag *d)

@@ -32,6 +32,9 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out);
 /* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
 PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where,
                                        size_t size, struct pvx_diag *d);
+/* As dmn_triggers_order (triggers.h). */
+PVX_MUST_CHECK pvx_err dmn_live_trigger(dmn_live *l, const char *name, int64_t *t_ns,
+                                        struct pvx_diag *d);
 /* Takes the options of cfg that may change while the daemon runs (dmn_option_live).  Each stage takes them before its
  * next set.  No set is lost and no stage waits. */
 void dmn_live_tune(dmn_live *l, const struct dmn_config *cfg);

@@ -34,6 +34,14 @@ static void say_corrections(const struct rec_rig *rig, const struct rec_selfcal_
         LOG_I(DAEMON, "cameras agree with the rig, nothing is corrected any more");
 }
 
+static void say_event(void *ctx, const char *json)
+{
+    struct dmn_publish *p = ctx;
+    pvx_err e = pvp_pub_say(p->pub, PVP_EVENT, json);
+    if (e != PVX_OK)
+        LOG_EVERY(PVX_LOG_WARN, PROTO, "event not published: %s", pvx_strerror(e));
+}
+
 static bool publish_put(void *ctx, const struct dmn_slot *s)
 {
     struct dmn_publish *p = ctx;
@@ -44,6 +52,8 @@ static bool publish_put(void *ctx, const struct dmn_slot *s)
     struct pvp_voxels x;
     struct rec_sparse v;
     rec_frame_volume(s->frame, &v);
+    dmn_triggers_look(p->triggers, &v, s->set, s->t_exposure_ns);
+    dmn_triggers_events(p->triggers, &(struct dmn_events_listener){say_event, p});
     int64_t t0 = pvx_now_mono();
     dmn_wire_volume(s, &p->start.grid, &m, &x);
     m.session = p->start.session;
@@ -75,14 +85,6 @@ static bool publish_put(void *ctx, const struct dmn_slot *s)
     return true;
 }
 
-static void say_event(void *ctx, const char *json)
-{
-    struct dmn_publish *p = ctx;
-    pvx_err e = pvp_pub_say(p->pub, PVP_EVENT, json);
-    if (e != PVX_OK)
-        LOG_EVERY(PVX_LOG_WARN, PROTO, "event not published: %s", pvx_strerror(e));
-}
-
 /* Five times a second: the events. */
 static void publish_look(struct dmn_publish *p, int64_t now)
 {
@@ -99,6 +101,8 @@ static void publish_tick(void *ctx)
     pvp_pub_tick(p->pub);
     atomic_store(&p->subscribers, pvp_pub_subscribers(p->pub));
     int64_t now = pvx_now_mono();
+    dmn_triggers_tick(p->triggers, pvx_now_real());
+    dmn_triggers_events(p->triggers, &(struct dmn_events_listener){say_event, p});
     if (now >= p->next_look_ns)
         publish_look(p, now);
     if (now < p->next_status_ns)

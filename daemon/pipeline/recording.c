@@ -1,5 +1,6 @@
 #include "daemon/pipeline/recording.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,6 +9,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "daemon/pipeline/photometry.h"
 
@@ -17,6 +19,7 @@ struct dmn_recording {
     cap_capture *const *capture;
     pthread_mutex_t lock; /* one start or stop at a time */
     cap_recorder *recorder;
+    cap_ring *ring; /* NULL = none */
     char pattern[DMN_WORD_MAX];
     char *rig, *config, *settings[REC_MAX_CAMERAS];
     char base[PATH_MAX], host[256];
@@ -100,43 +103,6 @@ static void recording_health(void *ctx, uint32_t camera, struct cap_health *out)
     cap_capture_health(*((dmn_recording *)ctx)->capture, camera, out);
 }
 
-pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
-                          struct dmn_sources *sources, cap_capture *const *capture,
-                          uint64_t session, dmn_recording **out, struct pvx_diag *d)
-{
-    *out = NULL;
-    if (c->record_queue == 0)
-        return c->record_mode == 0
-                   ? PVX_OK
-                   : pvx_fail(d, PVX_EINVAL, "%s: record.queue: 0, so nothing can be recorded",
-                              c->name);
-    dmn_recording *r = pvx_calloc(1, sizeof *r);
-    PVX_NEED(r);
-    pthread_mutex_init(&r->lock, NULL);
-    snprintf(r->pattern, sizeof r->pattern, "%s", c->record_path);
-    struct cap_recorder_config rc = {.n_cameras = (uint32_t)rig->n_cameras,
-                                     .queue = (unsigned)c->record_queue,
-                                     .lossless = c->lossless,
-                                     .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
-                                     .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
-                                     .sync_ns = (int64_t)(c->record_sync_s * 1e9),
-                                     .roll_ns = (int64_t)(c->record_roll_s * 1e9),
-                                     .health = recording_health,
-                                     .ctx = r};
-    r->capture = capture;
-    pvx_err e = recording_describe(r, c, rig, sources, session);
-    PVX_THEN(e, cap_recorder_new(&rc, &r->recorder));
-    if (e != PVX_OK) {
-        dmn_recording_free(&r);
-        return pvx_fail(d, e, "recording: %s", pvx_strerror(e));
-    }
-    sources->capture.tap = cap_recorder_tap(r->recorder);
-    for (size_t i = 0; i < rig->n_cameras; i++)
-        sources->source[i].buffers += rc.queue + 1; /* 1 for a snapshot (instant.h) */
-    *out = r;
-    return PVX_OK;
-}
-
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wformat-nonliteral" /* the user's, for strftime: it cannot harm */
 pvx_err dmn_recording_name(const char *key, const char *pattern, const char *base, char *out,
@@ -174,6 +140,177 @@ static pvx_err recording_place(const dmn_recording *r, const char *name, char *o
                    : pvx_fail(d, PVX_ERANGE, "%s: is too long", name);
     PVX_TRY(dmn_recording_name("record.path", r->pattern, r->base, out, size, d));
     return name != NULL ? name_beside(name, out, size, d) : PVX_OK;
+}
+
+/* ---- the ring ---- */
+
+static void recording_counts(void *ctx, uint32_t camera, uint64_t out[CAP_N_COUNT])
+{
+    cap_capture_counts(*((dmn_recording *)ctx)->capture, camera, out);
+}
+
+/* The take of a trigger: NAME-TIME.h5 in the folder of record.path, with its instant. */
+static pvx_err recording_place_trigger(void *ctx, const struct cap_take_trigger *t, char *path,
+                                       size_t size, struct cap_take_head *head, struct pvx_diag *d)
+{
+    dmn_recording *r = ctx;
+    time_t s = (time_t)(t->t_ns / PVX_NS_PER_S);
+    struct tm tm;
+    char when[32] = "", name[128];
+    if (localtime_r(&s, &tm) != NULL)
+        strftime(when, sizeof when, "%Y%m%dT%H%M%S", &tm);
+    for (int i = 1; i < 1000; i++) {
+        char more[8] = "";
+        if (i > 1)
+            snprintf(more, sizeof more, "-%d", i);
+        snprintf(name, sizeof name, "%s-%s.%03d%s.h5", t->name, when,
+                 (int)(t->t_ns / PVX_NS_PER_MS % 1000), more);
+        PVX_TRY(recording_place(r, name, path, size, d));
+        if (access(path, F_OK) != 0)
+            break;
+    }
+    pthread_mutex_lock(&r->lock);
+    *head = r->head;
+    pthread_mutex_unlock(&r->lock);
+    head->t_created_ns = pvx_now_real();
+    head->t_began_ns = 0;
+    return PVX_OK;
+}
+
+/* Bytes of one frame of each camera together. */
+static double bytes_of_cameras(const struct dmn_config *c, const struct rec_rig *rig)
+{
+    enum cap_pixfmt fmt = dmn_config_pixfmt(c);
+    double bytes = 0;
+    for (size_t i = 0; i < rig->n_cameras; i++) {
+        int32_t w = rig->cameras[i].width, h = rig->cameras[i].height;
+        bytes += fmt == CAP_FMT_NONE ? 3.0 * w * h : (double)cap_pixfmt_image(fmt, w, h);
+    }
+    return bytes;
+}
+
+/* Frames of each camera that the ring holds: enough for every trigger, or an error. */
+static pvx_err ring_frames(const struct dmn_config *c, const struct rec_rig *rig, uint32_t *out,
+                           struct pvx_diag *d)
+{
+    const struct dmn_ring *k = &c->ring;
+    double set = bytes_of_cameras(c, rig), fit = floor(k->memory / set) - CAP_RING_MORE,
+           want = ceil(k->seconds * c->fps) + 1,
+           frames = fmin(fmin(fit, want), CAP_BUFFERS_MAX / 2);
+    const char *name = "an order";
+    double pre = k->pre;
+    for (size_t i = 0; i < c->triggers.n; i++)
+        if (c->triggers.item[i].pre > pre) {
+            pre = c->triggers.item[i].pre;
+            name = c->triggers.item[i].name;
+        }
+    if (c->lossless)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: record.ring: with lossless: true no frame is late; leave the ring out",
+                        c->name);
+    if (k->seconds < pre)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: record.ring: seconds: %g is less than the %g s before %s (pre): raise "
+                        "seconds or lower pre",
+                        c->name, k->seconds, pre, name);
+    if (frames < 1 || frames / c->fps < pre)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: record.ring: memory: %.3g MB holds %.2f s of %zu cameras, %s needs %g "
+                        "s before it (pre): raise memory to %.3g MB or lower pre",
+                        c->name, k->memory * 1e-6, fmax(frames, 0) / c->fps, rig->n_cameras, name,
+                        pre, (ceil(pre * c->fps) + 1 + CAP_RING_MORE) * set * 1e-6);
+    if (frames < want)
+        LOG_W(CAPTURE, "record.ring: memory: %.3g MB holds %.2f s instead of %g s",
+              k->memory * 1e-6, frames / c->fps, k->seconds);
+    LOG_I(CAPTURE,
+          "record.ring: the last %.0f frames of each of %zu cameras, %.2f s at %g Hz, in %.1f MB%s",
+          frames, rig->n_cameras, frames / c->fps, c->fps, (frames + CAP_RING_MORE) * set * 1e-6,
+          dmn_config_pixfmt(c) == CAP_FMT_NONE
+              ? "; pixel_format: auto counts as 3 bytes a pixel, so name the format"
+              : "");
+    *out = (uint32_t)frames;
+    return PVX_OK;
+}
+
+static pvx_err ring_make(dmn_recording *r, const struct dmn_config *c, const struct rec_rig *rig,
+                         struct dmn_sources *sources, struct pvx_diag *d)
+{
+    uint32_t frames = 0;
+    if (c->ring.seconds <= 0)
+        return c->triggers.n == 0 ? PVX_OK
+                                  : pvx_fail(d, PVX_EINVAL,
+                                             "%s: triggers: need frames in memory: add record: "
+                                             "{ ring: { seconds: 5, memory: 8GB } }",
+                                             c->name);
+    PVX_TRY(ring_frames(c, rig, &frames, d));
+    const struct cap_ring_config k = {.n_cameras = (uint32_t)rig->n_cameras,
+                                      .frames = frames,
+                                      .bytes = (uint64_t)c->ring.memory,
+                                      .fps = c->fps,
+                                      .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
+                                      .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
+                                      .sync_ns = (int64_t)(c->record_sync_s * 1e9),
+                                      .next = sources->capture.tap,
+                                      .health = recording_health,
+                                      .counts = recording_counts,
+                                      .place = recording_place_trigger,
+                                      .ctx = r};
+    PVX_TRY(cap_ring_new(&k, &r->ring));
+    sources->capture.tap = cap_ring_tap(r->ring);
+    sources->capture.sets.held = frames + CAP_RING_MORE;
+    for (size_t i = 0; i < rig->n_cameras; i++) {
+        sources->source[i].held = frames + CAP_RING_MORE;
+        sources->source[i].buffers += frames + CAP_RING_MORE;
+    }
+    return PVX_OK;
+}
+
+cap_ring *dmn_recording_ring(dmn_recording *r)
+{
+    return r != NULL ? r->ring : NULL;
+}
+
+pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
+                          struct dmn_sources *sources, cap_capture *const *capture,
+                          uint64_t session, dmn_recording **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    if (c->record_queue == 0 && (c->ring.seconds > 0 || c->triggers.n > 0))
+        return pvx_fail(d, PVX_EINVAL, "%s: record.queue: 0, so record.ring cannot be written",
+                        c->name);
+    if (c->record_queue == 0)
+        return c->record_mode == 0
+                   ? PVX_OK
+                   : pvx_fail(d, PVX_EINVAL, "%s: record.queue: 0, so nothing can be recorded",
+                              c->name);
+    dmn_recording *r = pvx_calloc(1, sizeof *r);
+    PVX_NEED(r);
+    pthread_mutex_init(&r->lock, NULL);
+    snprintf(r->pattern, sizeof r->pattern, "%s", c->record_path);
+    struct cap_recorder_config rc = {.n_cameras = (uint32_t)rig->n_cameras,
+                                     .queue = (unsigned)c->record_queue,
+                                     .lossless = c->lossless,
+                                     .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
+                                     .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
+                                     .sync_ns = (int64_t)(c->record_sync_s * 1e9),
+                                     .roll_ns = (int64_t)(c->record_roll_s * 1e9),
+                                     .health = recording_health,
+                                     .ctx = r};
+    r->capture = capture;
+    pvx_err e = recording_describe(r, c, rig, sources, session);
+    PVX_THEN(e, cap_recorder_new(&rc, &r->recorder));
+    if (e != PVX_OK) {
+        dmn_recording_free(&r);
+        return pvx_fail(d, e, "recording: %s", pvx_strerror(e));
+    }
+    sources->capture.tap = cap_recorder_tap(r->recorder);
+    for (size_t i = 0; i < rig->n_cameras; i++)
+        sources->source[i].buffers += rc.queue + 1; /* 1 for a snapshot (instant.h) */
+    *out = r;
+    e = ring_make(r, c, rig, sources, d);
+    if (e != PVX_OK)
+        dmn_recording_free(out);
+    return e;
 }
 
 pvx_err dmn_recording_snapshot(dmn_recording *r, const char *name, char *where, size_t size,
@@ -240,6 +377,7 @@ void dmn_recording_free(dmn_recording **rp)
     if (r == NULL)
         return;
     *rp = NULL;
+    cap_ring_free(&r->ring); /* first: it hands frames to the recorder's tap */
     cap_recorder_free(&r->recorder);
     for (size_t i = 0; i < REC_MAX_CAMERAS; i++)
         free(r->settings[i]);

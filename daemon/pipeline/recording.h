@@ -4,11 +4,12 @@
 #ifndef DMN_RECORDING_H
 #define DMN_RECORDING_H
 #include "capture/take/recorder.h"
+#include "capture/take/ring.h"
 #include "daemon/config/config.h"
 #include "daemon/pipeline/sources.h"
 
 typedef struct dmn_recording dmn_recording;
-/* Makes the recorder and adds its tap and its buffers to `sources`.  Call it before the capture is made of them.
+/* Makes the recorder, and with record.ring the ring, and adds tap and buffers to `sources`.  Call it before the capture is made of them.
  * With record.queue: 0, *out = NULL.  Everything is copied, except that *capture is asked for its cameras' health
  * while it records. */
 PVX_MUST_CHECK pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
@@ -31,6 +32,8 @@ void dmn_recording_hurry(dmn_recording *r);
 PVX_MUST_CHECK pvx_err dmn_recording_stop(dmn_recording *r, char *where, size_t size,
                                           struct pvx_diag *d);
 void dmn_recording_stats(dmn_recording *r, struct cap_recorder_stats *out);
+/* NULL: none. */
+cap_ring *dmn_recording_ring(dmn_recording *r);
 /* Call after the capture has been stopped.  Ends a take that still runs. */
 void dmn_recording_free(dmn_recording **r);
 #endif

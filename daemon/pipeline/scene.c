@@ -14,6 +14,8 @@ struct dmn_scene {
     struct cap_scene cap;
     struct rec_flame flame;
     struct rec_rig rig;
+    uint32_t seed;
+    int64_t ignite_ns; /* the flame ignites once in each of these; 0 = it always burns */
     float *image[REC_MAX_CAMERAS]; /* one work area per camera */
 };
 
@@ -78,6 +80,24 @@ void dmn_scene_pack(const float *image, int32_t w, int32_t h, enum cap_pixfmt fm
     }
 }
 
+/* When the flame ignites in period k: at 0.1 to 0.6 of it (tests/system/ring.py has the same formula). */
+static int64_t scene_ignites(uint32_t seed, int64_t ignite_ns, int64_t k)
+{
+    uint64_t x = (uint64_t)k * 0x9E3779B97F4A7C15u + seed;
+    x = (x ^ x >> 30) * 0xBF58476D1CE4E5B9u;
+    x = (x ^ x >> 27) * 0x94D049BB133111EBu;
+    double u = (double)((x ^ x >> 31) >> 11) * 0x1p-53;
+    return k * ignite_ns + (int64_t)((0.1 + 0.5 * u) * (double)ignite_ns);
+}
+
+static bool burns(const dmn_scene *s, int64_t t)
+{
+    if (s->ignite_ns == 0)
+        return true;
+    int64_t since = t - scene_ignites(s->seed, s->ignite_ns, t / s->ignite_ns);
+    return since >= 0 && since < s->ignite_ns / 3;
+}
+
 static void scene_render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfmt fmt,
                          int32_t w, int32_t h, void *data)
 {
@@ -91,11 +111,15 @@ static void scene_render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap
         memset(data, 0, cap_pixfmt_image(fmt, w, h));
         return; /* not the size that the rig was calibrated for */
     }
-    rec_flame_render(&pose, c, 1, 0, h, s->image[camera]);
+    if (burns(s, t_real_ns))
+        rec_flame_render(&pose, c, 1, 0, h, s->image[camera]);
+    else
+        memset(s->image[camera], 0, (size_t)w * (size_t)h * 3 * sizeof(float));
     dmn_scene_pack(s->image[camera], w, h, fmt, data);
 }
 
-pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s, dmn_scene **out)
+pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s, double ignite_s,
+                      dmn_scene **out)
 {
     *out = NULL;
     dmn_scene *s = pvx_calloc(1, sizeof *s);
@@ -113,6 +137,8 @@ pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s,
     }
     rec_flame_init(&s->flame, &s->rig.grid, seed);
     s->flame.period_s = period_s;
+    s->seed = seed;
+    s->ignite_ns = (int64_t)(ignite_s * 1e9);
     s->cap = (struct cap_scene){.render = scene_render, .ctx = s};
     *out = s;
     return PVX_OK;

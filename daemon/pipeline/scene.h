@@ -9,9 +9,10 @@
 #include "recon/geom/rig.h"
 
 typedef struct dmn_scene dmn_scene;
-/* Standard flame in the rig's volume.  Errors: PVX_ENOMEM. */
+/* Standard flame in the rig's volume.  ignite_s > 0: it ignites once in each such period, at a random time, and burns
+ * for a third of it.  Errors: PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s,
-                                     dmn_scene **out);
+                                     double ignite_s, dmn_scene **out);
 void dmn_scene_free(dmn_scene **s);
 /* The scene for capture, valid as long as s.  NULL if s is NULL. */
 const struct cap_scene *dmn_scene_cap(const dmn_scene *s);

@@ -91,6 +91,60 @@ T_CASE(wrong_files_name_line_key_and_reason)
     refused("rig: \"a\\nb\"\n", "control character");
 }
 
+T_CASE(triggers_are_read_strictly_and_printed_back)
+{
+    T_EQ_I(parse("record: { ring: { seconds: 5, memory: 8GB } }\n"
+                 "triggers:\n"
+                 "  - { name: a, when: light, above: 2, box: [0, 0, 0, 1, 1, 0.5], pre: 1 }\n"
+                 "  - { name: b, at: '2026-12-01T12:00:00Z' }\n"
+                 "  - { name: c, when: vanishes, above: 3, release: 9, agree: 4, hold_off: 0 }\n"
+                 "  - { name: d }\n"
+                 "  - { name: e, when: change, above: 20 }\n"),
+           PVX_OK);
+    T_EQ_S(d.text, "");
+    T_NEAR(c.ring.memory, 8e9, 0);
+    T_NEAR(c.ring.pre, 2, 0);
+    T_EQ_I(c.triggers.n, 5);
+    const struct dmn_trigger *t = c.triggers.item;
+    T_EQ_I(t[0].when, DMN_WHEN_LIGHT);
+    T_NEAR(t[0].release, 1.6, 1e-12);
+    T_NEAR(t[0].box[5], 0.5, 0);
+    T_EQ_I(t[0].agree, 2);
+    T_EQ_I(t[1].at_ns, 1796126400000000000LL);
+    T_NEAR(t[2].release, 9, 0);
+    T_EQ_I(t[3].when, DMN_WHEN_ORDER);
+    T_EQ_I(t[4].agree, 1);
+    const struct dmn_config was = c;
+    char *text = dmn_config_format(&c);
+    T_EQ_I(parse(text), PVX_OK);
+    T_OK(memcmp(&was.triggers, &c.triggers, sizeof c.triggers) == 0);
+    T_OK(memcmp(&was.ring, &c.ring, sizeof c.ring) == 0);
+    free(text);
+
+    refused("record: { ring: { seconds: 5 } }\n",
+            "test.yaml:1: record.ring: needs seconds and memory");
+    refused("record: { ring: { seconds: 5, memory: 8TB } }\n",
+            "record.ring.memory: '8TB' is not a size");
+    refused("record: { ring: { seconds: 5, memory: 0 } }\n", "is not a size");
+    refused("record: { ring: { second: 5, memory: 8GB } }\n",
+            "second: unknown key; known here: seconds memory");
+    refused("record:\n  ring: 5\n", "test.yaml:2: record.ring: should be a mapping");
+    refused("triggers: 5\n", "test.yaml:1: triggers: should be a list");
+    refused("triggers:\n  - { when: appears }\n", "test.yaml:2: triggers[0]: has no name");
+    refused("triggers: [{ name: a/b }]\n", "letters, digits");
+    refused("triggers: [{ name: a }, { name: a }]\n", "triggers[1]: 'a' is the name of another");
+    refused("triggers: [{ name: a, when: dark }]\n", "'dark' is not one of order, light");
+    refused("triggers: [{ name: a, when: light }]\n", "when: light needs a level: add above");
+    refused("triggers: [{ name: a, above: 3 }]\n", "above needs a condition");
+    refused("triggers: [{ name: a, when: light, above: 3, release: 4 }]\n", "lower it");
+    refused("triggers: [{ name: a, when: vanishes, above: 3, release: 2 }]\n", "raise it");
+    refused("triggers: [{ name: a, when: light, above: 3, box: [1, 0, 0, 0, 1, 1] }]\n", "lower");
+    refused("triggers: [{ name: a, when: light, at: x }]\n", "has when and at");
+    refused("triggers: [{ name: a, at: tomorrow }]\n", "is not a time in UTC");
+    refused("triggers: [{ name: a, pre: -1 }]\n", "triggers[0].pre");
+    refused("triggers: [{ name: a, colour: red }]\n", "colour: unknown key");
+}
+
 T_CASE(who_is_let_in)
 {
     static const struct {

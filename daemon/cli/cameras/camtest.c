@@ -153,7 +153,8 @@ static pvx_err camtest_set_up(struct camtest *t, const struct camtest_options *o
         PVX_TRY(override(o, c, d));
         PVX_TRY(dmn_config_rig(c, &t->rig, d));
         if (dmn_config_simulated(c))
-            PVX_TRY(dmn_scene_new(&t->rig, (uint32_t)c->sim_seed, c->sim_period_s, &t->scene));
+            PVX_TRY(dmn_scene_new(&t->rig, (uint32_t)c->sim_seed, c->sim_period_s, c->sim_ignite_s,
+                                  &t->scene));
         scene = dmn_scene_cap(t->scene);
     } else {
         dmn_config_defaults(c);

@@ -71,6 +71,37 @@ static void print_gaps(const cap_take *t)
         printf("  and %" PRIu64 " more: h5dump -d /gaps\n", i->gaps - GAPS_SHOWN);
 }
 
+/* What began the take, and what it lacks besides the gaps. */
+static void print_triggers(const cap_take *t)
+{
+    const struct cap_take_info *i = cap_take_info(t);
+    char when[64];
+    uint64_t frames = 0;
+    for (uint64_t k = 0; k < i->triggers; k++) {
+        const struct cap_take_trigger *g = cap_take_trigger(t, k);
+        replay_info_when(g->t_ns, when, sizeof when);
+        printf("trigger   %s at %s", g->name, when);
+        if (g->set >= 0)
+            printf(", set %" PRId64 ", %.1f ms after its exposure", g->set,
+                   (double)g->latency_ns * 1e-6);
+        printf("; from %.3f s before to %.3f s after\n", (double)(g->t_ns - g->t_from_ns) * 1e-9,
+               (double)(g->t_to_ns - g->t_ns) * 1e-9);
+    }
+    for (uint64_t k = 0; k < i->lost; k++)
+        frames += cap_take_lost(t, k)->frames;
+    if (i->head.triggered)
+        printf("lost      %" PRIu64 " frames, in %" PRIu64 " rows\n", frames, i->lost);
+    for (uint64_t k = 0; k < i->lost && k < GAPS_SHOWN; k++) {
+        const struct cap_take_lost *l = cap_take_lost(t, k);
+        printf("          %s: %" PRIu64 ", %s", i->head.camera[l->camera].name, l->frames, l->why);
+        if (l->id_last > 0)
+            printf(", numbers %" PRIu64 " to %" PRIu64, l->id_first, l->id_last);
+        printf("\n");
+    }
+    if (i->lost > GAPS_SHOWN)
+        printf("          and %" PRIu64 " more rows: h5dump -d /lost\n", i->lost - GAPS_SHOWN);
+}
+
 static void print_pieces(const cap_take *t)
 {
     const struct cap_take_info *i = cap_take_info(t);
@@ -118,6 +149,7 @@ int replay_info(const char *path, const cap_take *t)
                a->number, b->number, s, s > 0 ? (double)(i->sets - 1) / s : 0, i->head.fps);
     }
     printf("pixels    %.1f MB\n", (double)bytes * 1e-6);
+    print_triggers(t);
     print_pieces(t);
     replay_info_print_cameras(t);
     print_gaps(t);

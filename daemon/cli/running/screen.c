@@ -8,6 +8,7 @@
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/page.h"
 #include "daemon/cli/running/status_cameras.h"
+#include "daemon/cli/running/status_ring.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
 #define LINE_NS   (60 * PVX_NS_PER_S) /* longest time between lines off a terminal */
@@ -78,6 +79,20 @@ static void draw_drops(struct page *p, const cJSON *s)
     page_words(p, 8, "dropped", text[0] != '\0' ? text : "nothing");
 }
 
+static void draw_ring(struct page *p, const cJSON *s)
+{
+    char text[STATUS_LINE];
+    const cJSON *k;
+    if (ring_line(s, text, sizeof text) == 0)
+        return;
+    page_words(p, 8, "ring", text);
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "triggers"))
+    {
+        trigger_line(k, text, sizeof text);
+        page_words(p, 8, "trigger", text);
+    }
+}
+
 static void draw_clients(struct page *p, const cJSON *s)
 {
     if (cJSON_HasObjectItem(s, "keys"))
@@ -139,6 +154,7 @@ static void running_draw_page(const struct follow *f, const char *title, const c
     draw_stages(&p, f->status);
     draw_clients(&p, f->status);
     draw_drops(&p, f->status);
+    draw_ring(&p, f->status);
     page_line(&p, "%s", "");
     running_draw_cameras(&p, f->status);
     if (f->ended)

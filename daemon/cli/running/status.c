@@ -6,6 +6,7 @@
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/running/status_cameras.h"
+#include "daemon/cli/running/status_ring.h"
 #include "daemon/config/endpoints.h"
 
 struct args {
@@ -98,6 +99,20 @@ static void print_record_volumes(const cJSON *s)
            error);
 }
 
+static void print_ring(const cJSON *s)
+{
+    char text[STATUS_LINE];
+    const cJSON *k;
+    if (ring_line(s, text, sizeof text) == 0)
+        return;
+    printf("ring      %s\n", text);
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "triggers"))
+    {
+        trigger_line(k, text, sizeof text);
+        printf("trigger   %s\n", text);
+    }
+}
+
 static void print_tables(const cJSON *s)
 {
     const cJSON *k, *v;
@@ -158,6 +173,7 @@ static int status_run(int argc, char **argv)
         print_sets(s);
         print_record(s);
         print_record_volumes(s);
+        print_ring(s);
         print_tables(s);
         troubles_print(s);
         votes_print(s);
