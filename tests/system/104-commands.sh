@@ -30,7 +30,7 @@ world() {
     fi
     printf 'rig: rig.yaml\ncameras: "aravis:127.0.0.2+"\nfps: 10\npixel_format: RGB8\nphotometry: { black: 0.02 }\n' > my.yaml
     cp my.yaml pyrovoxd.yaml; { cat my.yaml; echo 'trigger: line'; } > line.yaml
-    sed "s,^fps: .*,fps: 20," my.yaml > live.yaml
+    { sed "s,^fps: .*,fps: 20," my.yaml; echo 'record: { ring: { seconds: 3, memory: 100MB } }'; } > live.yaml
     cd - > "$dir/null" || return 1
     start daemon.log "$pyrovoxd" -c "$world/live.yaml"
     control=ipc://$dir/run/control

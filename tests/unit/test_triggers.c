@@ -86,8 +86,8 @@ static pvx_err nowhere(void *ctx, const struct cap_take_trigger *t, char *path, 
 static void say(void *ctx, const char *json)
 {
     (void)ctx;
-    strncat(said, json, sizeof said - strlen(said) - 2);
-    strcat(said, "\n");
+    size_t n = strlen(said);
+    snprintf(said + n, sizeof said - n, "%s\n", json);
 }
 static const struct dmn_events_listener to = {.say = say};
 
