@@ -103,6 +103,8 @@ void rec_clipped_find(const struct rec_photo_image *im, int c)
     const float level = (0 - im->params->black) * im->gain[c];
     double n = samples_of(im, c), mean = (double)half->mean - (double)level;
     double sd = sqrt((double)half->noise2);
+    if (im->pictures > 1 && im->noise != NULL && im->noise[c] > 0)
+        sd = (double)im->noise[c] * (double)im->gain[c] / sqrt(im->pictures);
     double at_level = half->low <= level ? (double)half->at_low : 0;
     *out = (struct rec_clipped){.level = (double)level};
     if (!(n > 0) || im->background != NULL || !(half->low >= level))
@@ -156,6 +158,15 @@ static double mended(const struct rec_photo_work *w, const struct rec_clipped *k
     if (b < k->dark)
         return k->sigma * k->t + k->slope * (b - k->dark);
     return b < FAR * k->sigma ? k->sigma * clipped_inverse(w->inverse, b / k->sigma) : b;
+}
+
+float rec_clipped_before(const struct rec_clipped *k, float b)
+{
+    double above = (double)b - k->level, at_dark = k->sigma * k->t;
+    if (!k->is || k->cut < 0)
+        return b;
+    return (float)(k->level + (above < at_dark ? k->dark + (above - at_dark) / k->slope
+                                               : k->sigma * clipped_mean(above / k->sigma)));
 }
 
 void rec_clipped_mend(const struct rec_photo_image *im, int32_t y0, int32_t y1)

@@ -49,6 +49,8 @@ struct rec_clipped {
 void rec_clipped_table(float inverse[REC_CLIPPED_KNOTS]);
 /* Finds (3) of a channel and, where its blacks are clipped, replaces its sigma; after noise was measured. */
 void rec_clipped_find(const struct rec_photo_image *im, int channel);
+/* The value of a bin from which (4) makes b; of single samples, and where blacks are not clipped, b. */
+float rec_clipped_before(const struct rec_clipped *k, float b);
 /* (4) or (5) of the bins with weight of rows [y0, y1). */
 void rec_clipped_mend(const struct rec_photo_image *im, int32_t y0, int32_t y1);
 

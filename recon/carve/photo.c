@@ -131,7 +131,9 @@ static void set_limits(const struct rec_photo_image *im)
     w->means = automatic && im->bh >= 5; /* a smaller picture has no faint edges to find */
     w->limit = w->faint = w->fainter = rec_splat(INFINITY);
     for (int c = 0; c < im->nch; c++) {
-        w->limit[c] = automatic ? fmaxf(low, p->auto_k * w->sigma[c]) : p->threshold;
+        w->limit[c] = automatic
+                          ? rec_clipped_before(&w->clipped[c], fmaxf(low, p->auto_k * w->sigma[c]))
+                          : p->threshold;
         w->faint[c] = w->dark[c] + fmaxf(low, p->auto_k * w->sigma[c] / w->grain.near[c]);
         w->fainter[c] =
             w->dark[c] + fmaxf(low, WIDE_MARGIN * p->auto_k * w->sigma[c] / w->grain.wide[c]);

@@ -90,10 +90,11 @@ struct rec_photo_image {
     bool absent; /* no picture: img, weight and lit become 0 */
     float *img;  /* [bh][bw][cs] in: binned pixels, out: b */
     int32_t bw, bh;
-    int nch;           /* 1 or 3 */
-    int32_t binning;   /* a bin is the mean of so many pixels each way; 0: not known */
-    uint32_t pictures; /* a bin is the mean of so many pictures; 0: of one */
-    int32_t bayer;     /* binning of channels made from Bayer pixels, 1 = interpolated; 0: others */
+    int nch;            /* 1 or 3 */
+    int32_t binning;    /* a bin is the mean of so many pixels each way; 0: not known */
+    uint32_t pictures;  /* a bin is the mean of so many pictures; 0: of one */
+    const float *noise; /* [3] of one of them in the dark, per channel; 0: not known; or NULL */
+    int32_t bayer; /* binning of channels made from Bayer pixels, 1 = interpolated; 0: others */
     const uint8_t *cell; /* a mosaic: colour (0 1 2) of each bin of the 2x2 bins that repeat, row by
                                 row; nch 3, bw, bh >= 2; or NULL */
     const float *background; /* [bh][bw][cs] or NULL */

@@ -156,6 +156,7 @@ static void photo(rec_frame *f)
         im->bayer = rec_frame_is_bayer(f, c) ? f->S->binning : 0;
         im->binning = f->S->binning;
         im->pictures = in->pictures;
+        im->noise = in->noise;
         im->background = k->background[c];
         im->weight = f->weight + row0;
         im->weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL;

@@ -128,6 +128,9 @@ struct rec_frame_camera {
     bool floats;
     /* The pixels are means of so many pictures; 0 and 1: of one.  From 16 on they have fine steps. */
     uint32_t pictures;
+    /* Of means: standard deviation of one picture in the dark, per channel, from what changes between the pictures;
+     * 0: not known, it is then measured from bin to bin. */
+    float noise[3];
     /* The pixels come unchanged from a Bayer filter: each has the channel of its filter and NaN in the others.  Only
      * for the default solver.  Otherwise they were binned or interpolated, which changes their noise (photo.h). */
     bool mosaic;

@@ -113,6 +113,27 @@ T_CASE(light_that_was_not_there)
         }
 }
 
+/* The fewer the noise of a bin, the nearer is its threshold to the light that the clipping adds.  Nothing of it counts
+ * as flame, and faint light does. */
+T_CASE(dark_is_not_flame)
+{
+    static const struct made kinds[] = {
+        {.nch = 1, .binning = 1, .pictures = 256, .clip = true, .gain = 1},
+        {.nch = 3, .binning = 2, .pictures = 64, .clip = true, .gain = 1.5},
+        {.nch = 1, .binning = 8, .clip = true, .gain = 1},
+        {.nch = 3, .binning = 1, .pictures = 100, .clip = true, .gain = 1, .mosaic = true},
+    };
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
+        uint32_t dark = 0, light = 0;
+        paint(&kinds[k], S);
+        apply(&kinds[k], kinds[k].binning);
+        for (int i = 0; i < W * H; i++)
+            *(i % W < W / 2 - 8 ? &dark : &light) += lit[i];
+        T_LE(dark, W * H / 2 / 50);
+        T_OK(light > W * H / 2 * 9 / 10);
+    }
+}
+
 /* Pictures that are not clipped, of any kind, and those whose clip level is not known. */
 T_CASE(not_a_bit_changes)
 {

@@ -135,12 +135,40 @@ T_CASE(phases_of_a_file)
 /* What is saturated once is saturated in the mean; a pixel without a number has none there either. */
 T_CASE(sums)
 {
-    double sum[4] = {0};
+    double sum[4] = {0}, square[4] = {0};
     uint8_t full[4] = {0};
-    struct means_sum s = {sum, full, 4, 0};
+    struct means_sum s = {sum, square, full, 4, 0};
     float a[4] = {0.25F, 1, 0.5F, (float)NAN}, b[4] = {0.75F, 0.5F, 0.5F, 0.5F}, out[4];
     means_add(&s, a, 1);
     means_add(&s, b, 1);
     means_take(&s, out, 1);
     T_OK(out[0] == 0.5F && out[1] == 1 && out[2] == 0.5F && isnan(out[3]));
+}
+
+/* A pattern that stays and a flame that flickers in two of seven bins are not in the noise; green has twice that of red. */
+T_CASE(noise_between_pictures)
+{
+    enum { BINS = 9000, CS = 4 };
+    static double sum[BINS * CS], square[BINS * CS];
+    static uint8_t full[BINS * CS];
+    static float pattern[BINS], bins[BINS * CS];
+    float out[3];
+    struct means_sum s = {sum, square, full, (size_t)BINS * CS, 0};
+    for (int i = 0; i < BINS; i++)
+        pattern[i] = (float)(t_uniform(0, 0.3));
+    for (int k = 0; k < 40; k++) {
+        double flicker = t_uniform(0, 1);
+        for (int i = 0; i < BINS * CS; i++)
+            bins[i] = (float)((double)pattern[i / CS] + (i / CS % 7 < 2 ? flicker : 0) +
+                              (i % CS == 1 ? 0.02 : 0.01) * t_normal());
+        means_add(&s, bins, 1e9F);
+        if (k == 10) {
+            T_OK(means_noise(&s, CS, 3, out) == PVX_OK);
+            T_OK(out[0] == 0 && out[1] == 0 && out[2] == 0); /* too few */
+        }
+    }
+    T_OK(means_noise(&s, CS, 3, out) == PVX_OK);
+    T_NEAR((double)out[0], 0.01, 0.0005);
+    T_NEAR((double)out[1], 0.02, 0.001);
+    T_NEAR((double)out[2], 0.01, 0.0005);
 }

@@ -391,8 +391,10 @@ static uint64_t frames_in_several(struct frames_in *f, size_t i, float *const *o
     uint64_t all = 0;
     for (size_t c = 0; c < cams; c++) {
         m.out[c] = out != NULL ? out[c] : rec_frame_input(frame, c);
-        m.sum[c] = (struct means_sum){f->sum[c], f->full[c], frames_in_values(f, c), 0};
+        m.sum[c] =
+            (struct means_sum){f->sum[c], f->square[c], f->full[c], frames_in_values(f, c), 0};
         memset(f->sum[c], 0, m.sum[c].values * sizeof *f->sum[c]);
+        memset(f->square[c], 0, m.sum[c].values * sizeof *f->square[c]);
         memset(f->full[c], 0, m.sum[c].values);
     }
     for (size_t k = f->means.begin[i]; k < f->means.begin[i + 1] && !cli_stop; k++) {
@@ -412,6 +414,9 @@ static uint64_t frames_in_several(struct frames_in *f, size_t i, float *const *o
     for (size_t c = 0; c < cams && frame != NULL; c++)
         if (all >> c & 1) {
             camera[c].pictures = m.sum[c].n;
+            if (means_noise(&m.sum[c], f->nch == 3 ? 4 : 1, (size_t)f->nch, camera[c].noise) !=
+                PVX_OK)
+                memset(camera[c].noise, 0, sizeof camera[c].noise); /* measured in the mean */
             *rec_frame_camera(frame, c) = camera[c];
         }
     return all;
@@ -886,6 +891,7 @@ void frames_in_close(struct frames_in *f)
     PVX_FREE(f->member_number);
     for (size_t c = 0; c < REC_MAX_CAMERAS; c++) {
         PVX_FREE(f->sum[c]);
+        PVX_FREE(f->square[c]);
         PVX_FREE(f->full[c]);
     }
     means_free(&f->means);
@@ -914,10 +920,12 @@ pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mo
             continue;
         size_t values = frames_in_values(f, c);
         PVX_FREE(f->sum[c]);
+        PVX_FREE(f->square[c]);
         PVX_FREE(f->full[c]);
+        f->square[c] = pvx_calloc(values, sizeof *f->square[c]);
         f->sum[c] = pvx_calloc(values, sizeof *f->sum[c]);
         f->full[c] = pvx_calloc(values, sizeof *f->full[c]);
-        if (f->sum[c] == NULL || f->full[c] == NULL)
+        if (f->sum[c] == NULL || f->square[c] == NULL || f->full[c] == NULL)
             return pvx_fail(d, PVX_ENOMEM, "no memory for the mean of pictures");
     }
     return PVX_OK;

@@ -79,7 +79,8 @@ struct frames_in {
     struct means means;
     size_t members;                      /* sets of the recording */
     int64_t *member_row, *member_number; /* as row and number, of each of them */
-    double *sum[REC_MAX_CAMERAS];        /* of a mean's bins, and which are saturated */
+    double *sum[REC_MAX_CAMERAS]; /* of a mean's bins and their squares, and which are saturated */
+    double *square[REC_MAX_CAMERAS];
     uint8_t *full[REC_MAX_CAMERAS];
     struct cap_reel *reel; /* [cameras] */
     cap_take *take;        /* instead */

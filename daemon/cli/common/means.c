@@ -13,6 +13,9 @@
 #define PHASES_MOST      10000
 #define FILE_MOST        (256 << 20) /* bytes */
 #define WHOLE            1e-6        /* of a set: phases that differ by less are one */
+#define LOOKS            4096        /* bins */
+#define PICTURES         16          /* fewer say little of a variance */
+#define FLICKER          4           /* times the median variance: no noise of the dark */
 
 /* ---- the phase of each set, 0 <= phase < 1; NAN: it is in no mean ---- */
 
@@ -265,6 +268,7 @@ void means_add(struct means_sum *s, const float *bins, float full)
 {
     for (size_t i = 0; i < s->values; i++) {
         s->sum[i] += (double)bins[i];
+        s->square[i] += (double)bins[i] * (double)bins[i];
         s->full[i] |= bins[i] >= full;
     }
     s->n++;
@@ -274,4 +278,43 @@ void means_take(const struct means_sum *s, float *bins, float full)
 {
     for (size_t i = 0; i < s->values; i++)
         bins[i] = s->full[i] ? full : (float)(s->sum[i] / s->n);
+}
+
+struct means_bin {
+    double mean, variance;
+};
+static int means_by_mean(const void *a, const void *b)
+{
+    double x = ((const struct means_bin *)a)->mean, y = ((const struct means_bin *)b)->mean;
+    return (x > y) - (x < y);
+}
+static int means_by_variance(const void *a, const void *b)
+{
+    double x = ((const struct means_bin *)a)->variance, y = ((const struct means_bin *)b)->variance;
+    return (x > y) - (x < y);
+}
+
+pvx_err means_noise(const struct means_sum *s, size_t cs, size_t channels, float *out)
+{
+    size_t bins = s->values / cs, step = bins / LOOKS | 1; /* odd: all colours of a mosaic */
+    struct means_bin *look = pvx_calloc(bins / step + 1, sizeof *look);
+    PVX_NEED(look);
+    for (size_t c = 0; c < channels; c++) {
+        size_t n = 0;
+        for (size_t i = 0; i < bins && s->n >= PICTURES; i += step) {
+            double mean = s->sum[i * cs + c] / s->n;
+            double variance = (s->square[i * cs + c] - s->n * mean * mean) / (s->n - 1);
+            if (isfinite(variance) && s->full[i * cs + c] == 0)
+                look[n++] = (struct means_bin){mean, fmax(variance, 0)};
+        }
+        qsort(look, n, sizeof *look, means_by_mean);
+        qsort(look, n / 2, sizeof *look, means_by_variance);
+        size_t used = 0;
+        double sum = 0;
+        while (used < n / 2 && look[used].variance <= FLICKER * look[n / 4].variance)
+            sum += look[used++].variance;
+        out[c] = used > 0 ? (float)sqrt(sum / (double)used) : 0;
+    }
+    free(look);
+    return PVX_OK;
 }

@@ -2,7 +2,7 @@
  *
  * With b = S x of each set, mean(b) = S mean(x): the mean of the pictures is the same linear problem, so its volume is
  * the mean of the volumes, at the cost of one solve and with 1/sqrt(N) of the noise.  What is not linear does not pass:
- * a sample that is saturated in one of the sets is saturated in the mean, and the hull is that of all sets.
+ * a sample that is saturated in one of the sets is saturated in the mean, and the hull is that of the mean.
  * Bins are summed in double, set by set in ascending order.  Threads: one. */
 #ifndef CLI_MEANS_H
 #define CLI_MEANS_H
@@ -34,15 +34,20 @@ PVX_MUST_CHECK pvx_err means_find(const struct means_how *how, const int64_t *nu
                                   struct pvx_diag *d);
 void means_free(struct means *m);
 
-/* Sum of one camera's pictures. */
+/* Sums over one camera's pictures. */
 struct means_sum {
-    double *sum;   /* [values] */
-    uint8_t *full; /* [values] 1: saturated in one of the pictures */
+    double *sum, *square; /* [values] */
+    uint8_t *full;        /* [values] 1: saturated in one of the pictures */
     size_t values;
     uint32_t n; /* pictures */
 };
 /* full: the value of saturated bins, or INFINITY. */
 void means_add(struct means_sum *s, const float *bins, float full);
 void means_take(const struct means_sum *s, float *bins, float full);
+/* Standard deviation of one picture in the dark, [channels]: of what changes between the pictures, over the darker half
+ * of the bins without those that flicker.  A pattern that all pictures have is not in it.  About 4096 bins are looked
+ * at.  0: fewer than 16 pictures.  cs: values of a bin.  Errors: PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err means_noise(const struct means_sum *s, size_t cs, size_t channels,
+                                   float *out);
 
 #endif
