@@ -38,10 +38,10 @@ static bool ros_zero(const struct exchange_in *in, int map)
 static pvx_err ros_lens(const struct exchange_in *in, struct rec_exchange_camera *c)
 {
     double v[EXCHANGE_MAX], K[9];
-    size_t n, rows;
+    size_t n;
     const pvx_yaml *y = in->y;
     int node = ros_any(y, "camera_matrix", "K", "k");
-    PVX_TRY(exchange_numbers(in, node, "camera_matrix", 9, 9, v, &n, &rows));
+    PVX_TRY(exchange_numbers(in, node, "camera_matrix", 9, 9, v, &n));
     memcpy(K, v, sizeof K);
     PVX_TRY(exchange_lens(in, node, "camera_matrix", K, 0, c));
     int word = pvx_yaml_get(y, pvx_yaml_root(y), "distortion_model");
@@ -55,7 +55,7 @@ static pvx_err ros_lens(const struct exchange_in *in, struct rec_exchange_camera
     node = ros_any(y, "distortion_coefficients", "D", "d");
     n = 0;
     if (node != 0)
-        PVX_TRY(exchange_numbers(in, node, "distortion_coefficients", 0, 14, v, &n, &rows));
+        PVX_TRY(exchange_numbers(in, node, "distortion_coefficients", 0, 14, v, &n));
     return exchange_distortion(in, node, "distortion_coefficients",
                                fisheye ? REC_FISHEYE : REC_PINHOLE, v, n, c);
 }
@@ -100,7 +100,7 @@ bool exchange_is_kalibr(const pvx_yaml *y)
 static pvx_err kalibr_lens(const struct exchange_in *in, int map, struct rec_exchange_camera *c)
 {
     double v[EXCHANGE_MAX];
-    size_t n, rows;
+    size_t n;
     const pvx_yaml *y = in->y;
     int node = pvx_yaml_get(y, map, "camera_model");
     if (strcmp(pvx_yaml_text(y, node), "pinhole") != 0)
@@ -109,7 +109,7 @@ static pvx_err kalibr_lens(const struct exchange_in *in, int map, struct rec_exc
                              "pinhole-equi",
                              c->c.name, pvx_yaml_text(y, node));
     node = pvx_yaml_get(y, map, "intrinsics");
-    PVX_TRY(exchange_numbers(in, node, "intrinsics", 4, 4, v, &n, &rows));
+    PVX_TRY(exchange_numbers(in, node, "intrinsics", 4, 4, v, &n));
     const double K[9] = {v[0], 0, v[2], 0, v[1], v[3], 0, 0, 1};
     PVX_TRY(exchange_lens(in, node, "intrinsics", K, 0, c));
     node = pvx_yaml_get(y, map, "distortion_model");
@@ -123,13 +123,13 @@ static pvx_err kalibr_lens(const struct exchange_in *in, int map, struct rec_exc
     node = pvx_yaml_get(y, map, "distortion_coeffs");
     n = 0;
     if (strcmp(model, "none") != 0)
-        PVX_TRY(exchange_numbers(in, node, "distortion_coeffs", 4, 4, v, &n, &rows));
+        PVX_TRY(exchange_numbers(in, node, "distortion_coeffs", 4, 4, v, &n));
     PVX_TRY(exchange_distortion(in, node, "distortion_coeffs", fisheye ? REC_FISHEYE : REC_PINHOLE,
                                 v, n, c));
     node = pvx_yaml_get(y, map, "resolution");
     if (node == 0)
         return PVX_OK;
-    PVX_TRY(exchange_numbers(in, node, "resolution", 2, 2, v, &n, &rows));
+    PVX_TRY(exchange_numbers(in, node, "resolution", 2, 2, v, &n));
     return exchange_size(in, node, "resolution", v, c);
 }
 
@@ -147,7 +147,7 @@ static void kalibr_chain(const double step[16], double T[16])
 pvx_err exchange_read_kalibr(const struct exchange_in *in)
 {
     double T[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, step[EXCHANGE_MAX];
-    size_t n, rows;
+    size_t n;
     const pvx_yaml *y = in->y;
     if (!exchange_is_kalibr(y))
         return pvx_fail(in->d, PVX_EFORMAT,
@@ -168,7 +168,7 @@ pvx_err exchange_read_kalibr(const struct exchange_in *in)
             if (node == 0)
                 return exchange_fail(in, map, key, PVX_EFORMAT,
                                      "T_cn_cnm1 is missing: where the camera stands is not known");
-            PVX_TRY(exchange_numbers(in, node, "T_cn_cnm1", 16, 16, step, &n, &rows));
+            PVX_TRY(exchange_numbers(in, node, "T_cn_cnm1", 16, 16, step, &n));
             kalibr_chain(step, T);
         }
         const double R[9] = {T[0], T[1], T[2], T[4], T[5], T[6], T[8], T[9], T[10]};
@@ -200,11 +200,11 @@ static bool anipose_true(const pvx_yaml *y, int map, const char *key)
 static pvx_err anipose_pose(const struct exchange_in *in, int map, struct rec_exchange_camera *c)
 {
     double v[EXCHANGE_MAX], t[EXCHANGE_MAX], R[9];
-    size_t n, rows;
+    size_t n;
     int r = pvx_yaml_get(in->y, map, "rotation"), s = pvx_yaml_get(in->y, map, "translation");
     if (r == 0 || s == 0 || pvx_yaml_length(in->y, r) == 0 || pvx_yaml_length(in->y, s) == 0)
         return PVX_OK;
-    PVX_TRY(exchange_numbers(in, r, "rotation", 3, 9, v, &n, &rows));
+    PVX_TRY(exchange_numbers(in, r, "rotation", 3, 9, v, &n));
     if (n == 9)
         memcpy(R, v, sizeof R);
     else if (n == 3)
@@ -212,7 +212,7 @@ static pvx_err anipose_pose(const struct exchange_in *in, int map, struct rec_ex
     else
         return exchange_fail(in, r, "rotation", PVX_EFORMAT, "should have 3 or 9 numbers, not %zu",
                              n);
-    PVX_TRY(exchange_numbers(in, s, "translation", 3, 3, t, &n, &rows));
+    PVX_TRY(exchange_numbers(in, s, "translation", 3, 3, t, &n));
     return exchange_pose(in, r, "rotation", R, t, c);
 }
 
@@ -220,7 +220,7 @@ static pvx_err anipose_one(const struct exchange_in *in, int map, const char *ta
 {
     struct rec_exchange_camera *c;
     double v[EXCHANGE_MAX];
-    size_t n, rows;
+    size_t n;
     char own[REC_NAME_MAX];
     const pvx_yaml *y = in->y;
     const char *name = pvx_yaml_text(y, pvx_yaml_get(y, map, "name"));
@@ -228,17 +228,17 @@ static pvx_err anipose_one(const struct exchange_in *in, int map, const char *ta
     snprintf(own, sizeof own, "%s%.50s", caliscope ? "cam_" : "", caliscope ? table + 8 : table);
     PVX_TRY(exchange_camera(in->x, in->path, *name != '\0' ? name : own, &c, in->d));
     int node = pvx_yaml_get(y, map, "matrix");
-    PVX_TRY(exchange_numbers(in, node, "matrix", 9, 9, v, &n, &rows));
+    PVX_TRY(exchange_numbers(in, node, "matrix", 9, 9, v, &n));
     PVX_TRY(exchange_lens(in, node, "matrix", v, 0, c));
     node = pvx_yaml_get(y, map, "distortions");
     n = 0;
     if (node != 0)
-        PVX_TRY(exchange_numbers(in, node, "distortions", 0, 14, v, &n, &rows));
+        PVX_TRY(exchange_numbers(in, node, "distortions", 0, 14, v, &n));
     PVX_TRY(exchange_distortion(in, node, "distortions",
                                 anipose_true(y, map, "fisheye") ? REC_FISHEYE : REC_PINHOLE, v, n,
                                 c));
     node = pvx_yaml_get(y, map, "size");
-    PVX_TRY(exchange_numbers(in, node, "size", 2, 2, v, &n, &rows));
+    PVX_TRY(exchange_numbers(in, node, "size", 2, 2, v, &n));
     PVX_TRY(exchange_size(in, node, "size", v, c));
     int turned = pvx_yaml_get(y, map, "rotation_count");
     if (turned != 0 && strcmp(pvx_yaml_text(y, turned), "0") != 0)

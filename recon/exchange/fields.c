@@ -88,7 +88,7 @@ static pvx_err exchange_list(const struct exchange_in *in, int node, const char 
 
 /* A FileStorage matrix, or ROS's. */
 static pvx_err exchange_matrix(const struct exchange_in *in, int node, const char *key,
-                               double out[EXCHANGE_MAX], size_t *n, size_t *rows)
+                               double out[EXCHANGE_MAX], size_t *n)
 {
     const pvx_yaml *y = in->y;
     int r = pvx_yaml_get(y, node, "rows"), c = pvx_yaml_get(y, node, "cols");
@@ -100,7 +100,6 @@ static pvx_err exchange_matrix(const struct exchange_in *in, int node, const cha
     PVX_TRY(pvx_yaml_int(y, r, key, 0, 1 << 20, &high, in->d));
     PVX_TRY(pvx_yaml_int(y, c, key, 0, 1 << 20, &wide, in->d));
     PVX_TRY(exchange_list(in, list, key, EXCHANGE_MAX, out, n));
-    *rows = (size_t)high;
     if (*n != (size_t)(high * wide))
         return pvx_yaml_fail(y, node, key, PVX_EFORMAT, in->d, "has %zu numbers, not rows x cols",
                              *n);
@@ -109,12 +108,12 @@ static pvx_err exchange_matrix(const struct exchange_in *in, int node, const cha
 
 /* A list of lists. */
 static pvx_err exchange_lists(const struct exchange_in *in, int node, const char *key,
-                              double out[EXCHANGE_MAX], size_t *n, size_t *rows)
+                              double out[EXCHANGE_MAX], size_t *n)
 {
     const pvx_yaml *y = in->y;
     const size_t wide = pvx_yaml_length(y, pvx_yaml_item(y, node, 0));
-    *rows = pvx_yaml_length(y, node);
-    for (size_t i = 0; i < *rows; i++) {
+    const size_t rows = pvx_yaml_length(y, node);
+    for (size_t i = 0; i < rows; i++) {
         size_t got = 0;
         PVX_TRY(
             exchange_list(in, pvx_yaml_item(y, node, i), key, EXCHANGE_MAX - *n, out + *n, &got));
@@ -126,16 +125,15 @@ static pvx_err exchange_lists(const struct exchange_in *in, int node, const char
 }
 
 pvx_err exchange_numbers(const struct exchange_in *in, int node, const char *key, size_t n_min,
-                         size_t n_max, double out[EXCHANGE_MAX], size_t *n, size_t *rows)
+                         size_t n_max, double out[EXCHANGE_MAX], size_t *n)
 {
     const pvx_yaml *y = in->y;
     memset(out, 0, EXCHANGE_MAX * sizeof *out);
     *n = 0;
-    *rows = 1;
     if (pvx_yaml_kind(y, node) == PVX_YAML_MAP)
-        PVX_TRY(exchange_matrix(in, node, key, out, n, rows));
+        PVX_TRY(exchange_matrix(in, node, key, out, n));
     else if (pvx_yaml_kind(y, pvx_yaml_item(y, node, 0)) == PVX_YAML_SEQ)
-        PVX_TRY(exchange_lists(in, node, key, out, n, rows));
+        PVX_TRY(exchange_lists(in, node, key, out, n));
     else if (pvx_yaml_kind(y, node) == PVX_YAML_NONE)
         return exchange_fail(in, node, key, PVX_EFORMAT, "is missing");
     else

@@ -28,10 +28,10 @@ PVX_MUST_CHECK pvx_err exchange_camera(struct rec_exchange *x, const char *path,
                                        struct rec_exchange_camera **out, struct pvx_diag *d);
 void exchange_note(struct rec_exchange *x, const char *text);
 
-/* n_min to n_max numbers, of a list, of a list of lists or of a FileStorage matrix; rows of a matrix, 1 for a list. */
+/* n_min to n_max numbers, of a list, of a list of lists or of a FileStorage matrix, row by row. */
 PVX_MUST_CHECK pvx_err exchange_numbers(const struct exchange_in *in, int node, const char *key,
                                         size_t n_min, size_t n_max, double out[EXCHANGE_MAX],
-                                        size_t *n, size_t *rows);
+                                        size_t *n);
 
 /* These check, and mark what the camera now has; `key` and `node` for messages (node 0: the file as a whole).
  * centre: where the format has the centre of the first pixel. */

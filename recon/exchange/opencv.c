@@ -87,9 +87,9 @@ static pvx_err opencv_size(const struct exchange_in *in, const struct opencv_nod
                            struct rec_exchange_camera *c)
 {
     double wh[EXCHANGE_MAX];
-    size_t count, rows;
+    size_t count;
     if (n->size != 0) {
-        PVX_TRY(exchange_numbers(in, n->size, n->key_size, 2, 2, wh, &count, &rows));
+        PVX_TRY(exchange_numbers(in, n->size, n->key_size, 2, 2, wh, &count));
         return exchange_size(in, n->size, n->key_size, wh, c);
     }
     if (n->width == 0 || n->height == 0)
@@ -118,8 +118,8 @@ static pvx_err opencv_model(const struct exchange_in *in, const struct opencv_no
 static pvx_err opencv_rotation(const struct exchange_in *in, int node, const char *key, double R[9])
 {
     double v[EXCHANGE_MAX];
-    size_t n, rows;
-    PVX_TRY(exchange_numbers(in, node, key, 3, 9, v, &n, &rows));
+    size_t n;
+    PVX_TRY(exchange_numbers(in, node, key, 3, 9, v, &n));
     if (n == 3)
         exchange_rodrigues(v, R);
     else if (n == 9)
@@ -133,15 +133,15 @@ static pvx_err opencv_lens(const struct exchange_in *in, const struct opencv_nod
                            struct rec_exchange_camera *c)
 {
     double v[EXCHANGE_MAX];
-    size_t count, rows;
+    size_t count;
     enum rec_camera_model model;
-    PVX_TRY(exchange_numbers(in, n->K, n->key_K, 9, 9, v, &count, &rows));
+    PVX_TRY(exchange_numbers(in, n->K, n->key_K, 9, 9, v, &count));
     PVX_TRY(exchange_lens(in, n->K, n->key_K, v, 0, c));
     PVX_TRY(opencv_model(in, n, &model));
     memset(v, 0, sizeof v);
     count = 0;
     if (n->D != 0)
-        PVX_TRY(exchange_numbers(in, n->D, n->key_D, 0, 14, v, &count, &rows));
+        PVX_TRY(exchange_numbers(in, n->D, n->key_D, 0, 14, v, &count));
     if (n->fisheye == 0 && count == 4)
         exchange_note(in->x, "Four distortion numbers were read as k1 k2 p1 p2; of a fisheye, they "
                              "are k1 k2 k3 k4, and the file needs fisheye_model: 1.");
@@ -153,7 +153,7 @@ static pvx_err opencv_camera(const struct exchange_in *in, const char *name,
 {
     struct rec_exchange_camera *c;
     double R[9], t[EXCHANGE_MAX];
-    size_t count, rows;
+    size_t count;
     PVX_TRY(exchange_camera(in->x, in->path, name, &c, in->d));
     if (n->K != 0) {
         PVX_TRY(opencv_lens(in, n, c));
@@ -167,7 +167,7 @@ static pvx_err opencv_camera(const struct exchange_in *in, const char *name,
     if (n->R == 0)
         return PVX_OK;
     PVX_TRY(opencv_rotation(in, n->R, n->key_R, R));
-    PVX_TRY(exchange_numbers(in, n->t, n->key_t, 3, 3, t, &count, &rows));
+    PVX_TRY(exchange_numbers(in, n->t, n->key_t, 3, 3, t, &count));
     return exchange_pose(in, n->R, n->key_R, R, t, c);
 }
 
@@ -176,7 +176,7 @@ static pvx_err opencv_pair(const struct exchange_in *in, int root, bool *is)
 {
     struct opencv_nodes one, two, both;
     double t[EXCHANGE_MAX];
-    size_t count, rows;
+    size_t count;
     PVX_TRY(opencv_nodes_of(in, root, "1", &one));
     PVX_TRY(opencv_nodes_of(in, root, "2", &two));
     PVX_TRY(opencv_nodes_of(in, root, "", &both));
@@ -197,7 +197,7 @@ static pvx_err opencv_pair(const struct exchange_in *in, int root, bool *is)
     if (in->x->pair)
         return exchange_fail(in, both.R, both.key_R, PVX_EINVAL, "a second R and T of a pair");
     PVX_TRY(opencv_rotation(in, both.R, both.key_R, in->x->R));
-    PVX_TRY(exchange_numbers(in, both.t, both.key_t, 3, 3, t, &count, &rows));
+    PVX_TRY(exchange_numbers(in, both.t, both.key_t, 3, 3, t, &count));
     memcpy(in->x->t, t, sizeof in->x->t);
     in->x->pair = true;
     return PVX_OK;
@@ -273,7 +273,7 @@ pvx_err exchange_read_jarvis(const struct exchange_in *in)
     struct opencv_nodes n;
     struct rec_exchange_camera *c;
     double v[EXCHANGE_MAX], K[9], R[9];
-    size_t count, rows;
+    size_t count;
     char name[REC_NAME_MAX];
     PVX_TRY(opencv_nodes_of(in, root, "", &n));
     if (n.K == 0 || n.D == 0)
@@ -282,20 +282,20 @@ pvx_err exchange_read_jarvis(const struct exchange_in *in)
                         in->path);
     exchange_stem(in->path, name);
     PVX_TRY(exchange_camera(in->x, in->path, name, &c, in->d));
-    PVX_TRY(exchange_numbers(in, n.K, n.key_K, 9, 9, v, &count, &rows));
+    PVX_TRY(exchange_numbers(in, n.K, n.key_K, 9, 9, v, &count));
     exchange_transpose(v, K);
     if (K[2] == 0 && K[5] == 0 && (K[6] != 0 || K[7] != 0))
         return exchange_fail(in, n.K, n.key_K, PVX_EINVAL,
                              "is not transposed, as JARVIS writes it, so R may not be either: read "
                              "it with --from opencv, or let JARVIS write it");
     PVX_TRY(exchange_lens(in, n.K, n.key_K, K, 0, c));
-    PVX_TRY(exchange_numbers(in, n.D, n.key_D, 4, 14, v, &count, &rows));
+    PVX_TRY(exchange_numbers(in, n.D, n.key_D, 4, 14, v, &count));
     PVX_TRY(exchange_distortion(in, n.D, n.key_D, REC_PINHOLE, v, count, c));
     PVX_TRY(opencv_size(in, &n, c));
     if (n.R == 0 || n.t == 0)
         return PVX_OK;
-    PVX_TRY(exchange_numbers(in, n.R, n.key_R, 9, 9, v, &count, &rows));
+    PVX_TRY(exchange_numbers(in, n.R, n.key_R, 9, 9, v, &count));
     exchange_transpose(v, R);
-    PVX_TRY(exchange_numbers(in, n.t, n.key_t, 3, 3, v, &count, &rows));
+    PVX_TRY(exchange_numbers(in, n.t, n.key_t, 3, 3, v, &count));
     return exchange_pose(in, n.R, n.key_R, R, v, c);
 }

@@ -46,10 +46,10 @@ bool exchange_is_agisoft(const pvx_yaml *y)
 static pvx_err agisoft_numbers(const struct exchange_in *in, int node, const char *key, size_t n,
                                double out[EXCHANGE_MAX])
 {
-    size_t got, rows;
+    size_t got;
     if (node == 0)
         return pvx_fail(in->d, PVX_EFORMAT, "%s: <%s> is missing", in->path, key);
-    return exchange_numbers(in, pvx_yaml_item(in->y, node, 2), key, n, n, out, &got, &rows);
+    return exchange_numbers(in, pvx_yaml_item(in->y, node, 2), key, n, n, out, &got);
 }
 
 /* One number, 0 where the element is missing. */
@@ -251,15 +251,15 @@ static pvx_err blender_number(const struct exchange_in *in, int map, const char 
 static pvx_err blender_lens(const struct exchange_in *in, int map, struct rec_exchange_camera *c)
 {
     double wh[EXCHANGE_MAX], shift[EXCHANGE_MAX], lens, sensor[2], aspect;
-    size_t n, rows;
+    size_t n;
     const pvx_yaml *y = in->y;
     const char *type = pvx_yaml_text(y, pvx_yaml_get(y, map, "type"));
     const char *fit = pvx_yaml_text(y, pvx_yaml_get(y, map, "sensor_fit"));
     if (strcmp(type, "PERSP") != 0)
         return exchange_fail(in, map, "type", PVX_EUNSUP,
                              "camera '%s' is of type %s; only PERSP is supported", c->c.name, type);
-    PVX_TRY(exchange_numbers(in, pvx_yaml_get(y, map, "size"), "size", 2, 2, wh, &n, &rows));
-    PVX_TRY(exchange_numbers(in, pvx_yaml_get(y, map, "shift"), "shift", 2, 2, shift, &n, &rows));
+    PVX_TRY(exchange_numbers(in, pvx_yaml_get(y, map, "size"), "size", 2, 2, wh, &n));
+    PVX_TRY(exchange_numbers(in, pvx_yaml_get(y, map, "shift"), "shift", 2, 2, shift, &n));
     PVX_TRY(blender_number(in, map, "lens", 1e-3, 1e6, &lens));
     PVX_TRY(blender_number(in, map, "sensor_width", 1e-3, 1e6, &sensor[0]));
     PVX_TRY(blender_number(in, map, "sensor_height", 1e-3, 1e6, &sensor[1]));
@@ -280,9 +280,9 @@ static pvx_err blender_lens(const struct exchange_in *in, int map, struct rec_ex
 static pvx_err blender_pose(const struct exchange_in *in, int map, struct rec_exchange_camera *c)
 {
     double T[EXCHANGE_MAX], R[9];
-    size_t n, rows;
+    size_t n;
     int node = pvx_yaml_get(in->y, map, "matrix_world");
-    PVX_TRY(exchange_numbers(in, node, "matrix_world", 16, 16, T, &n, &rows));
+    PVX_TRY(exchange_numbers(in, node, "matrix_world", 16, 16, T, &n));
     for (int j = 0; j < 3; j++) {
         double length = sqrt(T[j] * T[j] + T[4 + j] * T[4 + j] + T[8 + j] * T[8 + j]);
         for (int i = 0; i < 3; i++)

@@ -259,6 +259,49 @@ def follows():
         assert "Traceback" not in f.read()
 
 
+def cameras():
+    """Cameras of Blender imported as a rig, and a rig's cameras in Blender, against Blender's own projection: 0.01 px."""
+    points = np.random.default_rng(3).uniform((-0.3, -0.3, 0.7), (0.3, 0.3, 1.3), (30, 3))
+    pyrovox = f"{bed.bin}/pyrovox"
+
+    def rig(path):
+        """rig.yaml: each camera's pixels of the points, from the centre of the first pixel; its lens has no distortion."""
+        out, one = {}, {}
+        with open(path) as f:
+            for line in f:
+                key, _, value = line.split(" #")[0].strip().removeprefix("- ").partition(": ")
+                if key == "name":
+                    one = out[value] = {}
+                elif value.startswith("["):
+                    one[key] = json.loads(value)
+        pixels = {}
+        for name, c in out.items():
+            X = points @ np.reshape(c["R"], (3, 3)).T + c["t"]
+            pixels[name] = X[:, :2] / X[:, 2:] * c["K"][:2] + c["K"][2:]
+        return pixels
+    names = [f"cam{i}" for i in range(4)]
+    bed.run(pyrovox, "simcams", "--cameras", "4", "--size", "640x480", "--ring", "1", "--write-rig", f"{bed.dir}/ring.yaml", "--write-frames", f"{bed.dir}/frames")
+    with open(f"{bed.dir}/ring.yaml") as f:
+        flat = [line for line in f if "distortion:" not in line]
+    with open(f"{bed.dir}/ring.yaml", "w") as f:
+        f.writelines(flat)
+    bed.run(pyrovox, "calibrate", "export", "--rig", f"{bed.dir}/ring.yaml", "--to", "blender", "--out", f"{bed.dir}/ring.json")
+    m, _ = background("cameras", json.dumps(points.tolist()), bed.dir, f"{bed.dir}/ring.json")
+    worst = 0
+    for kind in range(2):
+        bed.run(pyrovox, "calibrate", "import", f"{bed.dir}/scene-{kind}.json", "--volume=-0.3,-0.3,0.7,0.3,0.3,1.3", "--out", f"{bed.dir}/scene-{kind}.yaml")
+        got = rig(f"{bed.dir}/scene-{kind}.yaml")
+        assert sorted(got) == ["cam_AUTO", "cam_HORIZONTAL", "cam_VERTICAL"], got.keys()
+        for name, want in m[f"scene-{kind}"].items():
+            worst = max(worst, np.abs(got[name.replace(" ", "_")] + 0.5 - want).max())
+    got = rig(f"{bed.dir}/ring.yaml")
+    assert sorted(m["rig"]) == names
+    worst = max(worst, *(np.abs(got[name] + 0.5 - m["rig"][name]).max() for name in names))
+    print(f"  10 cameras, largest difference {worst:.5f} px")
+    assert worst < 0.01, worst
+    assert "no camera" in m["none"] and "is not of pyrovox calibrate export" in m["not one"], m
+
+
 def room():
     """The picture of README, small: brighter where the flame is, dark behind the pillar; and what it says to bad input."""
     folder = converted(bed.recording("room", [blobs((32, 32, 32), 3, 3)], "trilinear", (-0.5, -0.5, 0), (0.5, 0.5, 1)))
@@ -275,7 +318,7 @@ def room():
     assert r.returncode == 0 and "--samples" in r.stdout, r.stdout
 
 
-checks = {"files-are-those-of-convert": files, "a-sequence": sequences, "picture-is-the-renderers": pictures, "refusals": refusals, "follows-a-live-daemon": follows, "room": room}
+checks = {"files-are-those-of-convert": files, "a-sequence": sequences, "picture-is-the-renderers": pictures, "refusals": refusals, "cameras-in-and-out": cameras, "follows-a-live-daemon": follows, "room": room}
 try:
     for name, what in checks.items():
         if only in name:

@@ -91,6 +91,67 @@ def picture():
         np.save(job["out"], np.array(i.pixels[:], np.float32).reshape(i.size[1], i.size[0], -1)[::-1, :, :3])
 
 
+def bare():
+    """An empty scene; factory settings take the add-on away."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.preferences.addon_enable(module="pyrovox_blender")
+
+
+def scene_of(kind):
+    """Cameras of every fit, with shift, and parents that are scaled; pixels that are not square."""
+    bare()
+    s = bpy.context.scene
+    s.unit_settings.scale_length = 0.5
+    r = s.render
+    r.resolution_x, r.resolution_y, r.resolution_percentage = (800, 600, 80) if kind == 0 else (480, 640, 100)
+    r.pixel_aspect_x, r.pixel_aspect_y = (1, 1.25) if kind == 0 else (1.1, 1)
+    up = bpy.data.objects.new("up", None)
+    s.collection.objects.link(up)
+    up.scale, up.location = (2, 2, 2), (0.5, 0.25, 0)
+    for i, fit in enumerate(("AUTO", "HORIZONTAL", "VERTICAL")):
+        c = bpy.data.cameras.new(f"cam {fit}")
+        c.sensor_fit, c.lens, c.sensor_width, c.sensor_height, c.shift_x, c.shift_y = fit, 40 + 3 * i, 30, 22, 0.03, -0.05 * i
+        o = bpy.data.objects.new(c.name, c)
+        s.collection.objects.link(o)
+        eye = Vector((5 * math.cos(2 * i), 5 * math.sin(2 * i), 1 + i))
+        o.location, o.rotation_euler = eye, (Vector((0, 0, 2)) - eye).to_track_quat("-Z", "Y").to_euler()
+        if i == 1:
+            o.parent = up
+            o.rotation_euler = (Vector((0, 0, 2)) - 2 * eye - up.location).to_track_quat("-Z", "Y").to_euler()
+    bpy.context.view_layer.update()
+    return s
+
+
+def pixels(points):
+    """Blender's own projection: where each camera sees the points, in pixels from the picture's upper left corner."""
+    from bpy_extras.object_utils import world_to_camera_view
+    from pyrovox_blender import cameras
+    s, out = bpy.context.scene, {}
+    (w, h), _ = cameras.picture(s)
+    for o in s.objects:
+        if o.type == "CAMERA":
+            at = [world_to_camera_view(s, o, Vector(p)) for p in points]
+            out[o.name] = [[v.x * w, (1 - v.y) * h] for v in at]
+    return out
+
+
+def cameras():
+    """Two scenes' cameras written, and those of a rig read; and what Blender itself sees of points (m)."""
+    points = json.loads(more[0])
+    for kind in range(2):
+        scene_of(kind)
+        assert bpy.ops.pyrovox.cameras_out(filepath=f"{more[1]}/scene-{kind}.json") == {"FINISHED"}
+        found[f"scene-{kind}"] = pixels([[v / 0.5 for v in p] for p in points])
+    bare()
+    found["none"] = wrong(lambda: bpy.ops.pyrovox.cameras_out(filepath=f"{more[1]}/no.json"))
+    found["not one"] = wrong(lambda: bpy.ops.pyrovox.cameras_in(filepath=__file__))
+    for o in list(bpy.data.objects):
+        bpy.data.objects.remove(o)
+    assert bpy.ops.pyrovox.cameras_in(filepath=more[2]) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    found["rig"] = pixels(points)
+
+
 def by_hand(live, until, seconds=120):
     """There is no event loop in the background: the timer's function is called by hand."""
     end = time.monotonic() + seconds
@@ -364,5 +425,5 @@ install()
 if what == "follow":
     run(follow_scene)
 else:
-    {"sequence": sequence, "picture": picture, "refusals": refusals, "latency": latency}[what]()
+    {"sequence": sequence, "picture": picture, "refusals": refusals, "cameras": cameras, "latency": latency}[what]()
     say()

@@ -60,8 +60,9 @@ static const struct cli_row rows[] = {
 
 static const char doc[] =
     "Make a rig.yaml of a calibration of another program.\vExamples:\n"
-    "  pyrovox calibrate import intrinsics.yml extrinsics.yml --size 640x480 --unit m \\\n"
-    "          --volume -0.2,-0.2,0.5,0.2,0.2,0.9 --out rig.yaml\n"
+    "  pyrovox calibrate import intrinsics.yml extrinsics.yml \\\n"
+    "          --size 640x480 --unit m --volume -0.2,-0.2,0.5,0.2,0.2,0.9 \\\n"
+    "          --out rig.yaml\n"
     "  pyrovox calibrate import sparse/0 --unit 0.137 --up -y \\\n"
     "          --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml\n"
     "\n"

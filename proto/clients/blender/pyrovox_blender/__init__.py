@@ -5,7 +5,9 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, IntProperty, PointerProperty, StringProperty
 
-from . import _page
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from . import _page, cameras
 from .follow import Wrong, live, loaded
 from .websocket import Address, BadAddress
 
@@ -135,6 +137,30 @@ class PYROVOX_OT_bake(Button):
         self.report({"INFO"}, f"{n} files, frames {volume.frame_start} to {volume.frame_start + n - 1}: {volume.filepath}")
 
 
+class PYROVOX_OT_cameras_out(Button, ExportHelper):  # type: ignore[misc]
+    """Write the scene's cameras to a file, for pyrovox calibrate import"""
+
+    bl_idname, bl_label = "pyrovox.cameras_out", "Export cameras"
+    filename_ext = ".json"
+
+    def act(self, context: Any) -> None:
+        n = cameras.write(context.scene, self.filepath)
+        self.report({"INFO"}, f"{n} cameras: {self.filepath}")
+
+
+class PYROVOX_OT_cameras_in(Button, ImportHelper):  # type: ignore[misc]
+    """Add the cameras of a rig, from pyrovox calibrate export --to blender"""
+
+    bl_idname, bl_label = "pyrovox.cameras_in", "Import cameras"
+    bl_options = {"REGISTER", "UNDO"}
+    filename_ext = ".json"
+
+    def act(self, context: Any) -> None:
+        n, other = cameras.read(context.scene, self.filepath)
+        live.error = other
+        self.report({"WARNING"} if other else {"INFO"}, other or f"{n} cameras")
+
+
 class PYROVOX_PT_panel(bpy.types.Panel):  # type: ignore[misc]
     bl_label, bl_category, bl_space_type, bl_region_type = "Pyrovox", "Pyrovox", "VIEW_3D", "UI"
 
@@ -157,6 +183,9 @@ class PYROVOX_PT_panel(bpy.types.Panel):  # type: ignore[misc]
         col.prop(p, "folder", text="")
         col.prop(p, "true_speed")
         col.operator("pyrovox.bake", icon="SEQUENCE")
+        row = col.row(align=True)
+        row.operator("pyrovox.cameras_in", icon="IMPORT")
+        row.operator("pyrovox.cameras_out", icon="EXPORT")
         lines, wrong = live.words()
         width = max(20, int(context.region.width / (7.5 * context.preferences.system.ui_scale)))
         box = col.box().column(align=True)
@@ -167,7 +196,7 @@ class PYROVOX_PT_panel(bpy.types.Panel):  # type: ignore[misc]
             box.label(text=line, icon="ERROR" if i == 0 else "BLANK1")
 
 
-CLASSES = (PyrovoxSettings, PyrovoxPreferences, PYROVOX_OT_connect, PYROVOX_OT_disconnect, PYROVOX_OT_pause, PYROVOX_OT_record, PYROVOX_OT_bake, PYROVOX_PT_panel)
+CLASSES = (PyrovoxSettings, PyrovoxPreferences, PYROVOX_OT_connect, PYROVOX_OT_disconnect, PYROVOX_OT_pause, PYROVOX_OT_record, PYROVOX_OT_bake, PYROVOX_OT_cameras_in, PYROVOX_OT_cameras_out, PYROVOX_PT_panel)
 
 
 def register() -> None:
