@@ -17,6 +17,8 @@
 #include "base/mem.h"
 #include "capture/source/backends.h"
 #include "capture/files/reel.h"
+#include "capture/files/said.h"
+#include "capture/files/sequence.h"
 #include "capture/source/player.h"
 
 #define LEAD_NS (100 * PVX_NS_PER_MS)          /* from the first start to the first frame */
@@ -31,9 +33,11 @@ static struct {
     int64_t first, last; /* numbers of one turn, all cameras */
     int64_t begin;       /* number of the first file of stacks; -1: not known */
     char stack[400];     /* which is: */
+    int64_t base;        /* the number that is place 0: times before a trigger are below 0 */
     bool known, fixed;   /* a camera has registered; fixed because a camera is in turn 2 */
+    bool based;
     bool running;
-    int64_t origin; /* the number that is due at: */
+    int64_t origin; /* the place that is due at: */
     int64_t start_mono_ns, start_real_ns;
 } line = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
@@ -56,13 +60,13 @@ struct files {
 /* Whether the camera's frames can be of one recording with those of the others: as pairs.c judges it. */
 static pvx_err line_check(const struct cap_reel *r, int64_t first, int64_t last, struct pvx_diag *d)
 {
-    bool film = r->kind == CAP_REEL_FILM;
+    bool film = cap_reel_timed(r);
     if (line.known && (first > line.last || last < line.first))
         return pvx_fail(d, PVX_EINVAL,
                         "%s: its frames have the numbers %lld to %lld%s, those of the other "
                         "cameras %lld to %lld: none is of one instant; %s",
                         r->path[0], (long long)first, (long long)last,
-                        film ? " (periods since the film's zero)" : "", (long long)line.first,
+                        film ? " (periods since the zero of its times)" : "", (long long)line.first,
                         (long long)line.last,
                         film ? "their clocks must have one zero" : "rename the files");
     if (r->kind != CAP_REEL_PAGES || r->files < 2 || r->begin < 0)
@@ -81,7 +85,7 @@ static pvx_err line_join(const struct cap_reel *r, int64_t first, int64_t last, 
 {
     pthread_mutex_lock(&line.lock);
     if (line.users == 0) {
-        line.known = line.fixed = line.running = false;
+        line.known = line.fixed = line.running = line.based = false;
         line.begin = -1;
     }
     pvx_err e = line_check(r, first, last, d);
@@ -109,8 +113,12 @@ static int64_t line_place(int64_t turn, int64_t number)
     pthread_mutex_lock(&line.lock);
     if (turn > 0)
         line.fixed = true;
-    if (number >= line.first && number <= line.last)
-        place = turn * (line.last - line.first + 1) + number;
+    if (!line.based) {
+        line.base = line.first < 0 ? line.first : 0;
+        line.based = true;
+    }
+    if (number >= line.first && number >= line.base && number <= line.last)
+        place = turn * (line.last - line.first + 1) + number - line.base;
     pthread_mutex_unlock(&line.lock);
     return place;
 }
@@ -120,7 +128,7 @@ static void line_start(void)
     pthread_mutex_lock(&line.lock);
     if (!line.running) {
         line.running = true;
-        line.origin = line.first;
+        line.origin = line.first - line.base;
         line.start_mono_ns = pvx_now_mono() + LEAD_NS;
         line.start_real_ns = pvx_now_real() + LEAD_NS;
     }
@@ -148,7 +156,7 @@ static void line_due(int64_t place, int64_t period, int64_t *mono, int64_t *real
 static int64_t line_time(int64_t place, int64_t period)
 {
     pthread_mutex_lock(&line.lock);
-    int64_t from = line.last > FAR_NS / period ? line.first : 0;
+    int64_t from = line.last > FAR_NS / period ? line.first - line.base : 0;
     pthread_mutex_unlock(&line.lock);
     return PVX_NS_PER_S + lasts(place - from, period);
 }
@@ -160,7 +168,7 @@ static int64_t files_number(const struct files *s, size_t i, int64_t *more)
 {
     int64_t at = s->reel.frame[i].at;
     *more = 0;
-    if (s->reel.kind != CAP_REEL_FILM)
+    if (!cap_reel_timed(&s->reel))
         return at;
     int64_t number = llround((double)at / (double)s->period_ns);
     *more = at - number * s->period_ns;
@@ -171,7 +179,7 @@ static int64_t files_number(const struct files *s, size_t i, int64_t *more)
 static uint64_t files_gap(const struct files *s, size_t i)
 {
     int64_t d = s->reel.frame[i].at - s->reel.frame[i - 1].at;
-    if (s->reel.kind == CAP_REEL_FILM)
+    if (cap_reel_timed(&s->reel))
         d = s->step > 0 ? llround((double)d / s->step) : 1;
     return d > 1 ? (uint64_t)d - 1 : 0;
 }
@@ -350,9 +358,14 @@ static pvx_err files_set_up(struct files *s, const struct cap_source_config *c, 
     if (s->name == NULL || s->camera_name == NULL)
         return PVX_ENOMEM;
     PVX_TRY(cap_reel_open(s->name, &s->reel, d));
+    if (s->reel.raw.filter && s->fmt == CAP_FMT_NONE)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: its pictures have a colour filter, but it does not say which: set "
+                        "the camera's pixel format, as BayerRG12 (or Mono12 if they are grey)",
+                        s->reel.path[0]);
     PVX_TRY(files_look_at_first(s, d));
     double step = cap_reel_step(&s->reel), fps = c->fps;
-    if (s->reel.kind == CAP_REEL_FILM && step > 0) {
+    if (cap_reel_timed(&s->reel) && step > 0) {
         s->step = step;
         fps = fps > 0 ? fps : 1e9 / step;
         if (fabs(fps * step * 1e-9 - 1) > RATES)
@@ -366,9 +379,9 @@ static pvx_err files_set_up(struct files *s, const struct cap_source_config *c, 
               "periods; if they are times, rename the files to count frames",
               s->camera_name, step);
     }
-    for (char *rest = s->reel.said, *said; (said = cap_reel_said(&rest)) != NULL;)
+    for (char *rest = s->reel.said, *said; (said = cap_said_next(&rest)) != NULL;)
         LOG_W(CAPTURE, "camera %s: %s", s->camera_name, said);
-    if (!(fps > 1e-3 && fps < 1e5))
+    if (!(fps > 1e-3 && fps < (s->reel.kind == CAP_REEL_RAW ? 1e9 : 1e5)))
         fps = 30;
     s->period_ns = (int64_t)(1e9 / fps + 0.5);
     size_t bytes = cap_pixfmt_image(s->fmt, s->width, s->height);
@@ -415,8 +428,9 @@ static void files_stop(cap_source *base)
 
 const struct cap_source_ops cap_source_files = {
     .scheme = "files",
-    .help = "recorded frames: DIR/cam0/%06d.png, a folder, a glob, a TIFF stack, or a film (.mp4 "
-            ".avi .mkv)",
+    .help =
+        "recorded frames: DIR/cam0/%06d.png, a folder, a glob, a TIFF stack, or a film (" CAP_VIDEOS
+        ")",
     .recorded = true,
     .open = files_open,
     .start = files_start,

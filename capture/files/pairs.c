@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "capture/files/said.h"
 
 #define RATES 0.01 /* rates that differ by more are said */
 #define FEW   0.5  /* share of the possible common frames of two cameras, below which it is said */
@@ -62,12 +63,12 @@ static pvx_err pairs_fastest(struct pairing *w, struct pvx_diag *d)
     while (w->fastest + 1 < w->cameras && w->reel[w->fastest].n == 0)
         w->fastest++;
     if (most > least && !(w->step > 0))
-        return cap_reel_say(&w->out->said,
+        return cap_said_add(&w->out->said,
                             "no camera has two frames, so that no frame period is known: they are "
                             "taken as one set, though their times are %.4g s apart",
                             (double)(most - least) * 1e-9);
     if (slowest > w->step * (1 + RATES))
-        return cap_reel_say(
+        return cap_said_add(
             &w->out->said,
             "%s has %.4g frames a second and %s %.4g: sets come at the higher rate, "
             "and the slower camera is missing in some",
@@ -186,10 +187,9 @@ static pvx_err pairs_refuse(const struct pairing *w, size_t c, size_t common, st
             w->camera[c], common, r->n, w->step * 0.5e-6, (double)pairs_time(w, c, 0) * 1e-9,
             (double)pairs_time(w, c, r->n - 1) * 1e-9, w->camera[other],
             (double)pairs_time(w, other, 0) * 1e-9, (double)pairs_time(w, other, o->n - 1) * 1e-9,
-            r->kind == CAP_REEL_FILM
-                ? ""
-                : "; if one trigger took all frames, rename the files to count "
-                  "them, and leave out --numbers");
+            cap_reel_timed(r) ? ""
+                              : "; if one trigger took all frames, rename the files to count "
+                                "them, and leave out --numbers");
     return pvx_fail(d, PVX_EINVAL,
                     "%s: %zu of its %zu frames have a number that another camera has too: its "
                     "numbers go from %lld to %lld, those of %s from %lld to %lld; if they are "
@@ -215,18 +215,18 @@ static pvx_err pairs_judge(struct pairing *w, struct pvx_diag *d)
         if (common == 0 || (!w->times && (double)common < NONE * (double)most))
             return pairs_refuse(w, c, common, d);
         if (w->left_out[c] > 0)
-            PVX_TRY(cap_reel_say(&w->out->said,
+            PVX_TRY(cap_said_add(&w->out->said,
                                  "%s: %zu of %zu frames are left out, because another is nearer to "
                                  "their instant",
                                  w->camera[c], w->left_out[c], n));
         size_t lacks = sets - (n - w->left_out[c]);
         if (lacks > 0 && (w->times || pages))
-            PVX_TRY(cap_reel_say(&w->out->said, "%s has no frame in %zu of %zu sets%s",
+            PVX_TRY(cap_said_add(&w->out->said, "%s has no frame in %zu of %zu sets%s",
                                  w->camera[c], lacks, sets,
                                  pages ? "; stacks are taken to have started together" : ""));
         else if (!w->times && (double)common < FEW * (double)most)
             PVX_TRY(
-                cap_reel_say(&w->out->said,
+                cap_said_add(&w->out->said,
                              "%s: only %zu of its %zu frames have a number that another camera "
                              "has too; if the numbers are times of one clock, say --numbers ms, "
                              "us or ns",
@@ -250,7 +250,7 @@ static pvx_err pairs_from_one(const struct pairing *w)
     }
     return w->times || zero == NULL || one == NULL || zero->n != one->n
                ? PVX_OK
-               : cap_reel_say(&w->out->said,
+               : cap_said_add(&w->out->said,
                               "%s counts %zu pictures from 0, %s as many from 1: if they began "
                               "together, rename one camera's files, else its frames are one late",
                               w->camera[a], zero->n, w->camera[b]);
@@ -279,10 +279,19 @@ static pvx_err pairs_stacks(const struct pairing *w, struct pvx_diag *d)
 static pvx_err pairs_kind(struct pairing *w, enum cap_numbers numbers, struct pvx_diag *d)
 {
     static const int64_t unit[] = {1, 1000000, 1000, 1};
-    const struct cap_reel *film = NULL, *other = NULL;
-    for (size_t c = 0; c < w->cameras; c++)
-        if (w->reel[c].n > 0)
-            *(w->reel[c].kind == CAP_REEL_FILM ? &film : &other) = &w->reel[c];
+    const struct cap_reel *film = NULL, *other = NULL, *own = NULL, *trigger = NULL;
+    for (size_t c = 0; c < w->cameras; c++) {
+        const struct cap_reel *r = &w->reel[c];
+        if (r->n > 0)
+            *(cap_reel_timed(r) ? &film : &other) = r;
+        if (r->n > 0 && cap_reel_timed(r))
+            *(r->kind == CAP_REEL_RAW ? &trigger : &own) = r;
+    }
+    if (own != NULL && trigger != NULL)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s counts its times from its own begin, and %s from its trigger: give all "
+                        "cameras films of one of these kinds",
+                        own->path[0], trigger->path[0]);
     if (film != NULL && other != NULL)
         return pvx_fail(d, PVX_EINVAL,
                         "%s is a film, but %s has only a number: give all cameras films, or all "

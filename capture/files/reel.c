@@ -2,39 +2,17 @@
 
 #include <dirent.h>
 #include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
-#include "base/log.h"
 #include "base/median.h"
 #include "base/mem.h"
+#include "capture/files/said.h"
 #include "capture/files/sequence.h"
 
 #define GAP 1.5 /* steps: from here on a frame is missing */
-
-pvx_err cap_reel_say(char **text, const char *fmt, ...)
-{
-    char line[2048], *all;
-    va_list args;
-    va_start(args, fmt);
-    vsnprintf(line, sizeof line, fmt, args);
-    va_end(args);
-    pvx_one_line(line);
-    if (asprintf(&all, "%s%s\n", *text != NULL ? *text : "", line) < 0)
-        return PVX_ENOMEM;
-    free(*text);
-    *text = all;
-    return PVX_OK;
-}
-
-char *cap_reel_said(char **rest)
-{
-    char *line = strsep(rest, "\n");
-    return line != NULL && *line != '\0' ? line : NULL;
-}
 
 /* ---- what a folder has ------------------------------------------------------------------------ */
 
@@ -80,7 +58,9 @@ static pvx_err reel_one_of(const char *dir, const char *camera, char **out, stru
             *out = path;
         } else {
             e = pvx_fail(d, PVX_EINVAL, "%s and %s: one camera has one of them%s", *out, path,
-                         camera == NULL ? "; join films that follow each other into one" : "");
+                         camera == NULL ? "; join films that follow each other into one, or name "
+                                          "the one that is meant: --frames CAMERA=FILE,..."
+                                        : "");
             free(path);
         }
     }
@@ -98,9 +78,27 @@ pvx_err cap_reel_of(const char *dir, const char *camera, char **path, struct pvx
 
 /* ---- open ------------------------------------------------------------------------------------- */
 
+static pvx_err reel_open_raw(struct cap_reel *r, const char *path, struct pvx_diag *d)
+{
+    r->kind = CAP_REEL_RAW;
+    PVX_TRY(cap_raw_open(path, &r->raw, d));
+    r->frame = pvx_calloc(r->raw.n + 1, sizeof *r->frame);
+    r->path = pvx_calloc(1, sizeof *r->path);
+    if (r->frame == NULL || r->path == NULL || (r->path[0] = strdup(r->raw.path)) == NULL)
+        return PVX_ENOMEM;
+    r->files = 1;
+    for (; r->n < r->raw.n; r->n++)
+        r->frame[r->n] = (struct cap_reel_frame){.at = r->raw.frame[r->n].t_ns};
+    r->said = r->raw.said;
+    r->raw.said = NULL;
+    return PVX_OK;
+}
+
 static pvx_err reel_open_film(struct cap_reel *r, const char *path, struct pvx_diag *d)
 {
     int64_t *t;
+    if (cap_is_raw(path))
+        return reel_open_raw(r, path, d);
     r->kind = CAP_REEL_FILM;
     PVX_TRY(cap_video_times(path, &t, &r->n, d));
     r->frame = pvx_calloc(r->n + 1, sizeof *r->frame);
@@ -195,10 +193,10 @@ static pvx_err reel_open_pictures(struct cap_reel *r, struct cap_sequence *s, st
         r->other++;
     r->other %= r->n > 0 ? r->n : 1;
     if (s->odd > 0)
-        PVX_TRY(cap_reel_say(&r->said, "%s and %s are names of two kinds; both are frames",
+        PVX_TRY(cap_said_add(&r->said, "%s and %s are names of two kinds; both are frames",
                              r->path[0], r->path[s->odd]));
     if (s->unnumbered > 0)
-        PVX_TRY(cap_reel_say(&r->said, "pictures without a number are left out: %s%s",
+        PVX_TRY(cap_said_add(&r->said, "pictures without a number are left out: %s%s",
                              s->first_unnumbered, s->unnumbered > 1 ? " and others" : ""));
     return PVX_OK;
 }
@@ -212,7 +210,8 @@ pvx_err cap_reel_open(const char *name, struct cap_reel *r, struct pvx_diag *d)
     *r = (struct cap_reel){0};
     if (reel_is_folder(name))
         PVX_TRY(reel_one_of(name, NULL, &film, d));
-    else if (cap_is_video(name) && (stat(name, &st) == 0 || strpbrk(name, "%*?[") == NULL))
+    else if ((cap_is_video(name) || cap_is_raw(name)) &&
+             (stat(name, &st) == 0 || strpbrk(name, "%*?[") == NULL))
         return reel_open_film(r, name, d);
     pvx_err e = cap_sequence_find(name, &s, &why);
     if (film != NULL && s.n > 0)
@@ -225,7 +224,7 @@ pvx_err cap_reel_open(const char *name, struct cap_reel *r, struct pvx_diag *d)
     if (e == PVX_OK && r->n == 0)
         e = PVX_ENOENT;
     if (e == PVX_OK && s.unknown > 0)
-        e = cap_reel_say(&r->said,
+        e = cap_said_add(&r->said,
                          "%s%s: no type that is read (" CAP_IMAGES " " CAP_VIDEOS
                          "): left out; save pictures as one of these, and move "
                          "away what is none",
@@ -243,6 +242,7 @@ void cap_reel_close(struct cap_reel *r)
     free(r->frame);
     free(r->said);
     cap_video_close(&r->video);
+    cap_raw_close(&r->raw);
     *r = (struct cap_reel){0};
 }
 
@@ -287,6 +287,7 @@ pvx_err cap_reel_load(struct cap_reel *r, size_t i, struct cap_loaded *out, stru
     *out = (struct cap_loaded){0};
     switch (r->kind) {
     case CAP_REEL_FILM: return reel_load_of_film(r, i, &out->img, d);
+    case CAP_REEL_RAW: return cap_raw_load(&r->raw, i, &out->img, d);
     case CAP_REEL_PAGES: return cap_image_load_page(r->path[f->file], f->page, out, d);
     default: return cap_image_load(r->path[f->file], out, d);
     }
@@ -298,9 +299,17 @@ const char *cap_reel_name(const struct cap_reel *r, size_t i, char room[CAP_REEL
     if (r->kind == CAP_REEL_FILM)
         snprintf(room, CAP_REEL_NAME, "%s: frame %zu at %.4f s", path, i,
                  (double)r->frame[i].at * 1e-9);
+    else if (r->kind == CAP_REEL_RAW)
+        snprintf(room, CAP_REEL_NAME, "%s: image %d at %.6f s", path, r->raw.frame[i].number,
+                 (double)r->frame[i].at * 1e-9);
     else if (r->kind == CAP_REEL_PAGES)
         snprintf(room, CAP_REEL_NAME, "%s: page %u", path, r->frame[i].page + 1);
     return r->kind == CAP_REEL_PICTURES ? path : room;
+}
+
+bool cap_reel_timed(const struct cap_reel *r)
+{
+    return r->kind == CAP_REEL_FILM || r->kind == CAP_REEL_RAW;
 }
 
 double cap_reel_step(const struct cap_reel *r)

@@ -56,7 +56,19 @@ bool cap_is_stack(const char *path)
 
 bool cap_is_video(const char *path)
 {
-    static const char *const ext[] = {".mp4", ".avi", ".mkv", ".mov", NULL};
+    static const char *const ext[] = {".mp4", ".avi", ".mkv", ".mov", ".cine", ".mraw", NULL};
+    return sequence_has_extension(path, ext);
+}
+
+bool cap_is_cine(const char *path)
+{
+    static const char *const ext[] = {".cine", NULL};
+    return sequence_has_extension(path, ext);
+}
+
+bool cap_is_raw(const char *path)
+{
+    static const char *const ext[] = {".cine", ".mraw", ".cih", ".cihx", NULL};
     return sequence_has_extension(path, ext);
 }
 

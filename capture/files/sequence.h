@@ -37,11 +37,14 @@ bool cap_is_image(const char *path);
 bool cap_is_jpeg(const char *path);
 /* .tif .tiff, in any case: such a file may have several pages. */
 bool cap_is_stack(const char *path);
-/* .mp4 .avi .mkv .mov, in any case. */
+/* .mp4 .avi .mkv .mov .cine .mraw, in any case. */
 bool cap_is_video(const char *path);
+bool cap_is_cine(const char *path);
+/* Of a high-speed camera: .cine .mraw, and .cih .cihx, which stand for the .mraw beside them. */
+bool cap_is_raw(const char *path);
 /* Neither of these nor, by its name, a file that people and programs leave beside pictures (notes, tables, Thumbs.db):
  * it may be a picture of another type. */
 bool cap_is_unknown(const char *path);
 #define CAP_IMAGES ".npy .png .tif .tiff .jpg .jpeg"
-#define CAP_VIDEOS ".mp4 .avi .mkv .mov"
+#define CAP_VIDEOS ".mp4 .avi .mkv .mov .cine .mraw"
 #endif

@@ -168,7 +168,8 @@ bool cap_pixfmt_fits(enum cap_pixfmt have, enum cap_pixfmt want)
     bool rgb = cap_pixfmt_layout(want) == CAP_LAYOUT_16 && !single;
     return have == want ||
            (single && cap_pixfmt_layout(have) == cap_pixfmt_layout(want) &&
-            (have == CAP_GREY8 || have == CAP_GREY16)) ||
+            cap_pixfmt_channels(have) == 1 &&
+            (have == CAP_GREY16 || cap_pixfmt_depth(have) == cap_pixfmt_depth(want))) ||
            (rgb && have == CAP_RGB16);
 }
 

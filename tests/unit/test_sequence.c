@@ -84,7 +84,7 @@ T_CASE(other_types_are_counted)
 {
     static const char *const quiet[] = {"Thumbs.db", "000003.txt", "1.JSON",  "x2.xml",   "README",
                                         ".DS_Store", "2.mov",      "run.log", "_run.cihx"};
-    static const char *const named[] = {"000003.ppm", "4.BMP",      "5.webp", "cam.cine",
+    static const char *const named[] = {"000003.ppm", "4.BMP",      "5.webp", "cam.cxd",
                                         "000007",     "8.tif.part", "9.raw"};
     struct cap_sequence s;
     struct pvx_diag d;

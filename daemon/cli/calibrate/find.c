@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "base/mem.h"
+#include "capture/files/said.h"
 #include "capture/files/sequence.h"
 #include "daemon/cli/calibrate/look.h"
 #include "daemon/cli/common/take_notes.h"
@@ -44,21 +45,26 @@ static pvx_err find_add_reel(struct calibrate_look *l, const char *dir, const ch
     struct pvx_diag why = {""};
     struct cap_reel r;
     const bool film = cap_is_video(path);
-    bool mixed = l->n_reels > 0 && (l->reel[0].kind == CAP_REEL_FILM) != film;
+    bool mixed = l->n_reels > 0 && cap_reel_timed(&l->reel[0]) != film;
     if (film)
         PVX_TRY(find_add_camera(l, dir, "a video", name, d));
     r = (struct cap_reel){0};
     pvx_err e = film && mixed ? PVX_EINVAL : cap_reel_open(path, &r, &why);
+    if (e == PVX_OK && r.raw.filter)
+        e = pvx_fail(&why, PVX_EUNSUP,
+                     "%s: its pictures have a colour filter, but it does not say which: save them "
+                     "as grey or as TIFF",
+                     r.path[0]);
     if (e == PVX_OK && !film)
         e = find_add_camera(l, dir, "a folder with pictures in it", name, &why);
     if (e == PVX_OK && l->n_reels > 0)
-        mixed = (r.kind == CAP_REEL_FILM) != (l->reel[0].kind == CAP_REEL_FILM);
+        mixed = cap_reel_timed(&r) != cap_reel_timed(&l->reel[0]);
     if (mixed && (film || e == PVX_OK))
         e = pvx_fail(&why, PVX_EINVAL,
                      "%s: folders with pictures and videos side by side: give a folder with "
                      "pictures or one with videos",
                      dir);
-    for (char *rest = r.said, *line; e == PVX_OK && (line = cap_reel_said(&rest)) != NULL;)
+    for (char *rest = r.said, *line; e == PVX_OK && (line = cap_said_next(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: camera %s: %s\n", name, line);
     if (e == PVX_OK) {
         l->reel[l->n_reels++] = r;
@@ -112,7 +118,7 @@ static pvx_err find_pair(struct calibrate_look *l, const char *dir, struct pvx_d
         name[c] = l->camera[c].name;
     pvx_err e = cap_pairs_find(l->reel, name, l->n_cameras, l->numbers,
                                pictures && l->numbers == CAP_NUMBERS_COUNT, p, d);
-    for (char *rest = p->said, *line; (line = cap_reel_said(&rest)) != NULL;)
+    for (char *rest = p->said, *line; (line = cap_said_next(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: %s: %s\n", dir, line);
     PVX_TRY(e);
     for (size_t c = 0; c < l->n_cameras; c++) {
@@ -206,7 +212,7 @@ pvx_err calibrate_find(struct calibrate_look *l, const char *path, enum cap_numb
     if (e == PVX_OK && l->n_cameras == 0)
         e = pvx_fail(d, PVX_ENOENT,
                      "%s: no pictures; looked for %s/<camera>/<number>.(npy|png|tif|jpg) and "
-                     "%s/<camera>.(mp4|avi|mkv|mov)",
+                     "%s/<camera>.(mp4|avi|mkv|mov|cine|mraw)",
                      path, path, path);
     return e == PVX_OK ? find_pair(l, path, d) : e;
 }

@@ -11,6 +11,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
+#include "capture/files/said.h"
 #include "capture/files/sequence.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/common/take_notes.h"
@@ -125,12 +126,72 @@ static pvx_err frames_in_say_none(const struct frames_in *f, uint64_t none, stru
         return pvx_fail(
             d, PVX_ENOENT,
             "%s: no frames for the rig's cameras (%s%s): looked for a folder %s/%s with "
-            "numbered pictures or a film, and for %s.(mp4|avi|mkv|mov|tif)%s%s",
+            "numbered pictures or a film, and for %s.(mp4|avi|mkv|mov|cine|mraw|tif)%s%s",
             f->dir, text, more, f->dir, f->rig->cameras[0].name, f->rig->cameras[0].name, hint,
             others);
     fprintf(stderr, "pyrovox: %s: no frames of %s%s, missing in all sets%s%s\n", f->dir, text, more,
             hint, others);
     return PVX_OK;
+}
+
+/* Whether the text is a list CAMERA=FILE,...  A folder whose name has a = in it is a folder. */
+static bool frames_in_is_list(const char *text)
+{
+    struct stat st;
+    return strchr(text, '=') != NULL && stat(text, &st) != 0;
+}
+
+/* The next CAMERA=PATH of a list, up to a comma that another begins after: a path may have commas.  *rest: the text at
+ * first.  The text is cut up. */
+static char *frames_in_entry(char **rest)
+{
+    char *entry = *rest, *comma = entry;
+    while (comma != NULL && (comma = strchr(comma, ',')) != NULL) {
+        size_t n = strcspn(++comma, "=,/");
+        if (comma[n] == '=')
+            break;
+    }
+    if (comma != NULL)
+        comma[-1] = '\0';
+    *rest = comma;
+    return entry;
+}
+
+/* What a list names for each camera, by its place in the rig; all point into `text`. */
+static pvx_err frames_in_list(const struct frames_in *f, char *text, char *path[],
+                              struct pvx_diag *d)
+{
+    for (char *entry; text != NULL && (entry = frames_in_entry(&text)) != NULL;) {
+        char *value = strchr(entry, '=');
+        if (value == NULL || value == entry || value[1] == '\0')
+            return pvx_fail(d, PVX_EINVAL, "--frames: \"%s\" should be CAMERA=FILE", entry);
+        *value++ = '\0';
+        int c = rec_rig_find(f->rig, entry);
+        if (c < 0)
+            return pvx_fail(d, PVX_EINVAL, "--frames: there is no camera %s in the rig; %s is one",
+                            entry, f->rig->cameras[0].name);
+        if (path[c] != NULL)
+            return pvx_fail(d, PVX_EINVAL, "--frames: camera %s has %s and %s", entry, path[c],
+                            value);
+        path[c] = value;
+    }
+    return PVX_OK;
+}
+
+/* Where the frames of camera c are; owner: caller, free().  PVX_ENOENT: nowhere. */
+static pvx_err frames_in_place(const struct frames_in *f, size_t c, char **path, struct pvx_diag *d)
+{
+    char *named[REC_MAX_CAMERAS] = {NULL};
+    if (!frames_in_is_list(f->dir))
+        return cap_reel_of(f->dir, f->rig->cameras[c].name, path, d);
+    char *text = strdup(f->dir);
+    pvx_err e = text != NULL ? frames_in_list(f, text, named, d) : PVX_ENOMEM;
+    if (e == PVX_OK && named[c] == NULL)
+        e = PVX_ENOENT;
+    if (e == PVX_OK && (*path = strdup(named[c])) == NULL)
+        e = PVX_ENOMEM;
+    free(text);
+    return e;
 }
 
 /* Find the frames of camera c.  *none: there are none. */
@@ -139,13 +200,22 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
     const char *camera = f->rig->cameras[c].name;
     char *path;
     struct pvx_diag why = {""};
-    pvx_err e = cap_reel_of(f->dir, camera, &path, &why);
+    pvx_err e = frames_in_place(f, c, &path, &why);
     if (e == PVX_OK) {
         e = cap_reel_open(path, &f->reel[c], &why);
         free(path);
+        if (e == PVX_ENOENT && frames_in_is_list(f->dir)) /* it was named */
+            e = PVX_EINVAL;
         if (e == PVX_ENOENT)
             fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&why, e));
     }
+    if (e == PVX_OK && f->reel[c].raw.filter && f->how.fmt == CAP_FMT_NONE)
+        e = pvx_fail(&why, PVX_EINVAL,
+                     "camera %s: %s: its pictures have a colour filter, but it does not say which: "
+                     "say --pixel-format BayerRG%d (or GR, GB, BG in the place of RG), or Mono%d "
+                     "if they are grey",
+                     camera, f->reel[c].path[0], cap_pixfmt_depth(f->reel[c].raw.fmt),
+                     cap_pixfmt_depth(f->reel[c].raw.fmt));
     if (e == PVX_ENOENT) {
         *none |= UINT64_C(1) << c;
         cap_reel_close(&f->reel[c]);
@@ -157,7 +227,7 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
             "camera %s: %s and %s: samples of JPEG files are taken as sRGB, those of other "
             "types as light; keep one type, or say for all: --transfer srgb or linear",
             camera, f->reel[c].path[0], f->reel[c].path[f->reel[c].other]);
-    for (char *rest = f->reel[c].said, *line; e == PVX_OK && (line = cap_reel_said(&rest)) != NULL;)
+    for (char *rest = f->reel[c].said, *line; e == PVX_OK && (line = cap_said_next(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: camera %s: %s\n", camera, line);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
 }
@@ -166,16 +236,19 @@ static pvx_err frames_in_find(struct frames_in *f, size_t c, uint64_t *none, str
 static pvx_err frames_in_is_folder(const char *dir, struct pvx_diag *d)
 {
     struct stat st;
+    if (frames_in_is_list(dir))
+        return PVX_OK;
     if (stat(dir, &st) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: no frames: %s", dir, strerror(errno));
     if (!S_ISDIR(st.st_mode))
         return pvx_fail(d, PVX_EINVAL,
                         "%s: is %s: frames are in a take (TAKE.h5) or in a folder that has a "
-                        "folder, film or stack for each camera, DIR/<camera>.mp4",
+                        "folder, film or stack for each camera, DIR/<camera>.mp4; or name each, "
+                        "--frames CAMERA=FILE,...",
                         dir,
-                        cap_is_video(dir)   ? "one film"
-                        : cap_is_image(dir) ? "one picture file"
-                                            : "a file");
+                        cap_is_video(dir) || cap_is_raw(dir) ? "one film"
+                        : cap_is_image(dir)                  ? "one picture file"
+                                                             : "a file");
     return PVX_OK;
 }
 
@@ -195,7 +268,7 @@ static pvx_err scan_folder(struct frames_in *f, int64_t first, int64_t last, str
     PVX_TRY(frames_in_say_none(f, none, d));
     pvx_err e = cap_pairs_find(f->reel, name, cams, (enum cap_numbers)f->how.numbers,
                                f->kinds == FRAMES_IN_EACH, &p, d);
-    for (char *rest = p.said, *line; (line = cap_reel_said(&rest)) != NULL;)
+    for (char *rest = p.said, *line; (line = cap_said_next(&rest)) != NULL;)
         fprintf(stderr, "pyrovox: %s: %s\n", f->dir, line);
     free(p.said);
     f->number = p.number;
@@ -809,7 +882,8 @@ pvx_err frames_in_open(struct frames_in *f, const char *dir, int64_t first, int6
 {
     f->dir = dir;
     f->kinds = kinds;
-    pvx_err e = vol_hdf5_name(dir) ? scan_take(f, first, last, d) : scan_folder(f, first, last, d);
+    pvx_err e = vol_hdf5_name(dir) && !frames_in_is_list(dir) ? scan_take(f, first, last, d)
+                                                              : scan_folder(f, first, last, d);
     PVX_THEN(e, frames_in_look(f, d));
     if (f->how.means.average != NULL || f->how.means.phases != NULL)
         PVX_THEN(e, frames_in_average(f, d));

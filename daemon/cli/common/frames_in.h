@@ -2,7 +2,9 @@
  * (FILE.h5).  The folder has, for each camera, one of
  *
  *   DIR/<camera>/            numbered pictures, TIFF files of several pages, or one film (reel.h)
- *   DIR/<camera>.(mp4|avi|mkv|mov)   DIR/<camera>.(tif|tiff)
+ *   DIR/<camera>.(mp4|avi|mkv|mov|cine|mraw)   DIR/<camera>.(tif|tiff)
+ *
+ * or a list names them: CAMERA=PATH,CAMERA=PATH,...  (what reel.h takes)
  *
  * Pictures of one number form a set, frames of films those of one instant (pairs.h).  Frames of a take have the numbers
  * of their sets.

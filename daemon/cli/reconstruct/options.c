@@ -26,9 +26,10 @@ enum {
 #define SELFCAL   "off|gain|on"
 
 static const struct cli_row rows[] = {
-    {"frames", "DIR|TAKE.h5", AT(frames), 0, 0,
+    {"frames", "DIR|TAKE.h5|CAMERA=FILE,...", AT(frames), 0, 0,
      "the recording: a take of raw frames, or a folder with "
-     "DIR/<camera>/<number>.(npy|png|tif|jpg) or DIR/<camera>.(mp4|mkv|mov|avi|tif)"},
+     "DIR/<camera>/<number>.(npy|png|tif|jpg) or DIR/<camera>.(mp4|mkv|mov|avi|cine|mraw|tif), or "
+     "a list that names a folder, film or stack for each camera"},
     {"out", "DIR|FILE.h5", AT(out), 0, 0,
      "write volumes to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file. Volumes "
      "that are there already are not overwritten"},
