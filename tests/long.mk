@@ -1,5 +1,5 @@
 # Figures, campaigns and what takes hours.
-.PHONY: bench fit paper stability soak power fuzz fuzz-keep fuzz-coverage
+.PHONY: bench fit paper stability soak ignitions power fuzz fuzz-keep fuzz-coverage
 
 bench: setup-test ## all figures (build/bench/, tests/bench/RESULTS.md); ONLY=REGEX: these;
 ## AGAINST=DIR: beside another built checkout, in turns
@@ -34,6 +34,11 @@ else ifdef HOURS
 else
 	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)
 endif
+
+ignitions: setup-test ## N=n (200) random ignitions at 60 Hz under faults and a slow disk: every raw frame around them
+## is in a take or named as lost
+	@$(PARALLEL) built $(B)/tests/power/slow.so
+	@tests/soak/ignitions.sh $(B) $(or $(N),200)
 
 power: setup-test ## power cuts of a take and of a recording of volumes,
 ## CUTS=n (1000) of each kind of disk, SETS=n (300) long

@@ -4,7 +4,7 @@ VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
 VM_UVC := $(call obj,$(sort $(wildcard tests/vm/uvc/*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
-POWER := $(B)/tests/power/power $(B)/tests/power/shim.so
+POWER := $(B)/tests/power/power $(B)/tests/power/shim.so $(B)/tests/power/slow.so
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
@@ -39,7 +39,7 @@ BOARD_PROGRAMS := $(addprefix $(B)/tests/,$(addprefix unit/test_,board board_det
 $(BOARD_PROGRAMS): $(B)/tests/lib/board_picture.o $(B)/tests/lib/board_judge.o
 $(B)/tests/soak/soak: $(SOAK)
 # Preloaded into what records.
-$(B)/tests/power/shim.so: $(B)/tests/power/shim.o
+$(B)/tests/power/%.so: $(B)/tests/power/%.o
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) -o $@ $< -ldl
 $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views: $(VM_UVC)

@@ -8,6 +8,8 @@
 #include "base/clock.h"
 
 #define SECONDS_MAX 3600.0
+#define BYTES_MAX   1e15
+#define TIME_MAX    (INT64_MAX / PVX_NS_PER_S)
 #define LEVEL_MAX   1e12
 
 const char *const dmn_when_names[DMN_N_WHEN] = {"order",  "at",      "light",   "height",
@@ -34,9 +36,11 @@ static pvx_err read_bytes(const pvx_yaml *y, int node, const char *key, double *
     for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
         if (strcmp(unit, units[i].unit) == 0 && n > 0 && n < sizeof number) {
             snprintf(number, sizeof number, "%.*s", (int)n, text);
-            if (pvx_parse_double(number, 0, 1e15, out) != PVX_OK || *out * units[i].bytes < 1)
+            double n_units;
+            if (pvx_parse_double(number, 0, BYTES_MAX, &n_units) != PVX_OK ||
+                n_units * units[i].bytes < 1 || n_units * units[i].bytes > BYTES_MAX)
                 break;
-            *out *= units[i].bytes;
+            *out = n_units * units[i].bytes;
             return PVX_OK;
         }
     return pvx_yaml_fail(y, node, key, PVX_EINVAL, d,
@@ -117,7 +121,7 @@ static pvx_err read_at(const pvx_yaml *y, int node, const char *key, int64_t *ou
     struct tm tm = {0};
     const char *end = strptime(text, "%Y-%m-%dT%H:%M:%SZ", &tm);
     time_t t = end != NULL && *end == '\0' ? timegm(&tm) : -1;
-    if (t < 0)
+    if (t < 0 || t > TIME_MAX)
         return pvx_yaml_fail(y, node, key, PVX_EINVAL, d,
                              "'%.40s' is not a time in UTC as 2026-12-01T12:00:00Z", text);
     *out = (int64_t)t * PVX_NS_PER_S;

@@ -63,6 +63,7 @@ static void make_take(const char *name, uint64_t from)
     static const struct cap_take_camera cameras[CAMERAS] = {{.name = "a"}, {.name = "b"}};
     struct cap_take_head h = take_head(cameras, CAMERAS);
     cap_take_writer *w;
+    h.triggered = true;
     h.t_began_ns = h.t_created_ns;
     h.t_created_ns += (int64_t)(from - FROM);
     MUST(cap_take_create(name, &h, &w, NULL) == PVX_OK);
@@ -72,6 +73,9 @@ static void make_take(const char *name, uint64_t from)
         const struct cap_take_gap g = {.camera = c, .why = CAP_TAKE_QUEUE, .frames = 2};
         MUST(cap_take_put_gap(w, &g, NULL) == PVX_OK);
     }
+    const struct cap_take_trigger t = {.name = "x", .set = (int64_t)from};
+    const struct cap_take_lost l = {.camera = 1, .why = "ring", .frames = 3};
+    MUST(cap_take_put_trigger(w, &t, NULL) == PVX_OK && cap_take_put_lost(w, &l, NULL) == PVX_OK);
     MUST(cap_take_close(&w, NULL) == PVX_OK);
 }
 
@@ -163,6 +167,13 @@ static void use(const cap_take *t)
     }
     for (uint64_t g = 0; g < i->gaps; g++)
         if (cap_take_gap(t, g)->camera >= i->head.n_cameras)
+            abort();
+    for (uint64_t k = 0; k < i->triggers; k++)
+        if (strlen(cap_take_trigger(t, k)->name) >= CAP_TAKE_TRIGGER_MAX)
+            abort();
+    for (uint64_t k = 0; k < i->lost; k++)
+        if (cap_take_lost(t, k)->camera >= i->head.n_cameras ||
+            strlen(cap_take_lost(t, k)->why) >= CAP_TAKE_LOST_MAX)
             abort();
     for (uint32_t c = 0; c < i->head.n_cameras; c++) {
         size_t size = cap_take_frame_max(t, c);

@@ -49,6 +49,8 @@ check ends ended "$daemon" 0
 check account "$py" tests/system/ring.py "$dir"/takes/*T*.h5
 info() { run "$pyrovox" replay --info "$(ls "$dir"/takes/ignition-*.h5 | head -n 1)"; says 0 'trigger   ignition at 20' 'from 0.600 s before to 0.400 s after' 'lost      0 frames'; }
 check info info
+advises() { run "$pyrovox" advise --quiet --rig tests/data/rig4.yaml --frames "$(ls "$dir"/takes/ignition-*.h5 | tail -n 1)"; says 0 'triggers     ignition' '#   - { name: ignition, when: light, above: 0.'; }
+check advises-levels advises
 again() { run "$pyrovox" reconstruct --rig tests/data/rig4.yaml --frames "$(ls "$dir"/takes/ignition-*.h5 | tail -n 1)" --grid 12 --quiet --out "$dir/again"; says 0 && [ "$(ls "$dir"/again/*.npy | wc -l)" -ge 50 ]; }
 check is-a-take again
 

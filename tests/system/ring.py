@@ -16,6 +16,8 @@ def account(path):
         trigger = f["triggers"][:]
         t_from, t_to = trigger["t_from_ns"].min(), trigger["t_to_ns"].max()
         rows = f["lost"][:]
+        if len(f["gaps"]) > 0:
+            lost["queue"] = int(f["gaps"]["frames"].sum())
         for r in rows:
             why = r["why"].decode()
             lost[why] = lost.get(why, 0) + int(r["frames"])
@@ -30,8 +32,9 @@ def account(path):
             frames += len(i)
             named = [(int(r["id_first"]), int(r["id_last"])) for r in mine if r["id_last"] > 0]
             timed = [(int(r["t_first_ns"]), int(r["t_last_ns"])) for r in mine]
-            gaps = f["gaps"][:]
-            named += [(int(g["id_first"]), int(g["id_last"])) for g in gaps if g["camera"] == number]
+            gaps = [g for g in f["gaps"][:] if g["camera"] == number]
+            named += [(int(g["id_first"]), int(g["id_last"])) for g in gaps]
+            timed += [(int(g["t_first_ns"]) - int(period), int(g["t_last_ns"]) + int(1.6 * period)) for g in gaps]
             order = np.argsort(i["id"], kind="stable")
             ids, t = i["id"][order].astype(np.int64), i["t_exposure_ns"][order]
             if np.any(i["t_exposure_ns"] < t_from) or np.any(i["t_exposure_ns"] > t_to):
@@ -52,6 +55,13 @@ def account(path):
             if not last:
                 wrong.append(f"{name}: ends {(t_to - t[-1]) * 1e-6:.1f} ms too early")
     return wrong, frames, lost
+
+
+def window(path):
+    """The exposures that the take was asked for."""
+    with h5py.File(path, "r") as f:
+        t = f["triggers"][:]
+        return int(t["t_from_ns"].min()), int(t["t_to_ns"].max())
 
 
 def main():

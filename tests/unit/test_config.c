@@ -141,6 +141,7 @@ T_CASE(triggers_are_read_strictly_and_printed_back)
     refused("triggers: [{ name: a, when: light, above: 3, box: [1, 0, 0, 0, 1, 1] }]\n", "lower");
     refused("triggers: [{ name: a, when: light, at: x }]\n", "has when and at");
     refused("triggers: [{ name: a, at: tomorrow }]\n", "is not a time in UTC");
+    refused("triggers: [{ name: a, at: '9999-12-31T23:59:59Z' }]\n", "is not a time in UTC");
     refused("triggers: [{ name: a, pre: -1 }]\n", "triggers[0].pre");
     refused("triggers: [{ name: a, colour: red }]\n", "colour: unknown key");
 }

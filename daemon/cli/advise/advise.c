@@ -296,6 +296,38 @@ static void advise_size(const struct flame_sets *s, const struct advice *a)
            100 * a->half, 100 * a->all);
 }
 
+static void advise_say_levels(const struct advise_levels *l)
+{
+    if (!(l->most > 0)) {
+        advise_line("triggers", "unknown");
+        printf("no set has light\n");
+        return;
+    }
+    advise_line("triggers", l->dark > 0 ? "ignition" : "burns");
+    if (l->dark > 0)
+        printf("%zu of %zu sets are dark, with up to %.3g m2 of light; ", l->dark, l->sets, l->dim);
+    else
+        printf("no set is dark, so no level for an ignition is known; ");
+    printf("the flame has %.3g to %.3g m2 and is up to z = %.3g m", l->least, l->most, l->height);
+    if (l->pairs > 0)
+        printf("; its light changes by up to %.2g %% from set to set", l->change);
+    printf("\n");
+}
+
+/* As comments: they need record.ring. */
+static void print_levels(const struct advise_levels *l, const struct rec_grid *g)
+{
+    if (!(l->most > 0))
+        return;
+    printf("# triggers:  # with record: { ring: { seconds: 5, memory: 8GB } }\n");
+    printf("#   - { name: %s, when: light, above: %.3g, release: %.3g }\n",
+           l->dark > 0 ? "ignition" : "flare", l->above, l->release);
+    printf("#   - { name: high, when: height, above: %.3g }\n",
+           l->height + 0.05 * (g->max[2] - g->min[2]));
+    if (l->pairs > 0)
+        printf("#   - { name: jump, when: change, above: %.3g }\n", fmax(3 * l->change, 1));
+}
+
 /* Print a line for each term on stdout, then a configuration to paste. */
 static void advise_print(const struct flame_sets *s, const struct advice *a)
 {
@@ -315,6 +347,7 @@ static void advise_print(const struct flame_sets *s, const struct advice *a)
     margin(s, a);
     advise_size(s, a);
     advise_detail(a);
+    advise_say_levels(&a->levels);
     printf("\nrig: %s\nbasis: %s\n", s->a->rig, rec_basis_name(basis(a)));
     if (a->best_grid + 1 == a->n_grids && a->finest > a->grid[a->best_grid].voxels)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
@@ -343,6 +376,7 @@ static void advise_print(const struct flame_sets *s, const struct advice *a)
             printf("# bodies and masks stand in %s\n", s->a->rig);
             break;
         }
+    print_levels(&a->levels, &s->rig.grid);
 }
 
 static error_t advise_parse(int key, char *arg, struct argp_state *st)
@@ -389,6 +423,7 @@ static int advise_run(int argc, char **argv)
     PVX_THEN(e, advise_measure(&s, &a, &d));
     PVX_THEN(e, advise_noise(&s, &a, &d));
     PVX_THEN(e, advise_belong(&s, &a, &d));
+    PVX_THEN(e, advise_levels(&s, &a.levels, &d));
     if (e == PVX_OK)
         advise_print(&s, &a);
     flame_sets_fini(&s);

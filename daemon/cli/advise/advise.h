@@ -45,6 +45,16 @@ struct advise_body {
     int32_t from[2], to[2]; /* raw pixels, right and down, last ones included */
     double error[2];        /* of the other cameras' pictures, with these pixels and without */
 };
+/* Light [m2] and height [m] of the volumes, and levels for triggers on them (daemon/pipeline/triggers.h). */
+struct advise_levels {
+    size_t sets, dark; /* dark: without flame */
+    double dim, least,
+        most; /* the most light of a dark set; least and most of the others; 0: no light */
+    double above, release; /* between dark and flame, or above all light where no set is dark */
+    double height;         /* greatest */
+    double change;         /* greatest from a set to the next, %, with flame in both */
+    size_t pairs;          /* of such sets */
+};
 struct advice {
     struct rec_plausible_verdict belong;
     /* pictures, over all sets */
@@ -67,7 +77,8 @@ struct advice {
     struct advise_grid grid[ADVISE_GRIDS];
     size_t n_grids, best_grid; /* the coarsest that is not worse by REC_ADVISE_SAME than the best */
     int32_t finest;            /* finest grid that the pictures support, rec_rig_finest */
-    double half, all;          /* error with every second camera, with all but the one */
+    struct advise_levels levels;
+    double half, all; /* error with every second camera, with all but the one */
 };
 #define ADVISE_SAME        1.02  /* errors within this factor count as equal */
 #define ADVISE_LEVEL       0.002 /* half a step of 8 bits */
@@ -99,6 +110,9 @@ PVX_MUST_CHECK pvx_err advise_bodies(struct flame_sets *s, struct advise_body *f
 PVX_MUST_CHECK pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* Motion, frame rate, what the volume before improves, resolution. */
 PVX_MUST_CHECK pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* What triggers would judge, and levels for them. */
+PVX_MUST_CHECK pvx_err advise_levels(struct flame_sets *s, struct advise_levels *out,
+                                     struct pvx_diag *d);
 /* Noise of each channel.  Reads the files again, in colour. */
 PVX_MUST_CHECK pvx_err advise_noise(const struct flame_sets *s, struct advice *a,
                                     struct pvx_diag *d);
