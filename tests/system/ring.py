@@ -31,6 +31,7 @@ def account(path):
             i = c["index"][:]
             frames += len(i)
             named = [(int(r["id_first"]), int(r["id_last"])) for r in mine if r["id_last"] > 0]
+            unnumbered = [(int(r["t_first_ns"]), int(r["t_last_ns"])) for r in mine if r["id_last"] == 0]
             timed = [(int(r["t_first_ns"]), int(r["t_last_ns"])) for r in mine]
             gaps = [g for g in f["gaps"][:] if g["camera"] == number]
             named += [(int(g["id_first"]), int(g["id_last"])) for g in gaps]
@@ -45,7 +46,7 @@ def account(path):
                 wrong.append(f"{name}: a frame twice")
             for a, b, ta, tb in zip(ids[:-1], ids[1:], t[:-1], t[1:]):
                 missing = [k for k in range(a + 1, b) if not any(x <= k <= y for x, y in named)]
-                if missing and not any(x <= tb and y >= ta for x, y in timed):
+                if missing and not any(x <= tb and y >= ta for x, y in unnumbered):
                     wrong.append(f"{name}: numbers {missing[0]}..{missing[-1]} are missing and not named")
             # A frame of each end, or a named loss there.  The daemon itself may have begun later than the asked time.
             first = t[0] <= t_from + 1.6 * period or any(x <= t[0] for x, y in timed)
