@@ -54,6 +54,7 @@ static void fit_pool_camera(rec_fit *f, size_t i, int32_t binning)
     double b = (double)v->pool * binning; /* raw pixels per side of a pooled bin */
     c->fx /= b;
     c->fy /= b;
+    c->blur.sigma /= b;
     c->cx = (c->cx + 0.5) / b - 0.5;
     c->cy = (c->cy + 0.5) / b - 0.5;
     c->width = (v->sw + v->pool - 1) / v->pool;

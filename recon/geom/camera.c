@@ -405,17 +405,21 @@ static bool telecentric_ray(const struct rec_camera *c, double x, double y, doub
     return true;
 }
 
-bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
+/* (x,y) of (1) that the pixel sees, or (X_cam,Y_cam) of (7). */
+static bool camera_pixel(const struct rec_camera *c, double u, double v, double *x, double *y)
 {
-    double x = (u - c->cx) / c->fx, y = (v - c->cy) / c->fy;
-    if (!isfinite(x) || !isfinite(y) || (has_distortion(c) && !undistort(c, &x, &y)))
-        return false;
-    if (c->model == REC_TELECENTRIC)
-        return telecentric_ray(c, x, y, origin, dir) && rec_glass_pass(c, origin, dir);
+    *x = (u - c->cx) / c->fx;
+    *y = (v - c->cy) / c->fy;
+    return isfinite(*x) && isfinite(*y) && (!has_distortion(c) || undistort(c, x, y));
+}
+
+/* dir = R^T d, of unit length. */
+static bool camera_turn(const struct rec_camera *c, double x, double y, double z, double dir[3])
+{
     const double *R = c->R;
     double d[3], n2 = 0;
-    for (int a = 0; a < 3; a++) { /* R^T (x, y, 1) */
-        d[a] = R[a] * x + R[3 + a] * y + R[6 + a];
+    for (int a = 0; a < 3; a++) {
+        d[a] = R[a] * x + R[3 + a] * y + R[6 + a] * z;
         n2 += d[a] * d[a];
     }
     double n = sqrt(n2);
@@ -423,7 +427,31 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
         return false;
     for (int a = 0; a < 3; a++)
         dir[a] = d[a] / n;
+    return true;
+}
+
+bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
+{
+    double x, y;
+    if (!camera_pixel(c, u, v, &x, &y))
+        return false;
+    if (c->model == REC_TELECENTRIC)
+        return telecentric_ray(c, x, y, origin, dir) && rec_glass_pass(c, origin, dir);
+    if (!camera_turn(c, x, y, 1, dir))
+        return false;
     rec_camera_centre(c, origin);
+    return c->n_windows == 0 || rec_glass_pass(c, origin, dir);
+}
+
+bool rec_camera_ray_from(const struct rec_camera *c, double u, double v, const double from[2],
+                         double origin[3], double dir[3])
+{
+    double x, y, F = c->blur.focus;
+    if (!camera_pixel(c, u, v, &x, &y) || !camera_turn(c, F * x - from[0], F * y - from[1], F, dir))
+        return false;
+    rec_camera_centre(c, origin);
+    for (int a = 0; a < 3; a++)
+        origin[a] += c->R[a] * from[0] + c->R[3 + a] * from[1];
     return c->n_windows == 0 || rec_glass_pass(c, origin, dir);
 }
 

@@ -50,6 +50,12 @@ struct rec_glass {
     double thickness, index; /* m; against air, >= 1 */
 };
 
+/* What blurs its pictures, all 0: nothing.  A Gaussian of sigma px, or the defocus of a thin lens: its aperture's
+ * diameter [m], and the distance [m] along its axis at which it is sharp. */
+struct rec_blur {
+    double sigma, aperture, focus;
+};
+
 struct rec_camera {
     char name[REC_NAME_MAX];
     int32_t width, height; /* px */
@@ -62,6 +68,8 @@ struct rec_camera {
     double tilt[2];    /* rad, of a Scheimpflug's sensor; else 0 */
     int32_t n_windows; /* 0: in air */
     struct rec_glass window[REC_WINDOWS];
+    struct rec_blur
+        blur; /* bundle.h; a pixel's middle ray and the projection of a point do not depend on it */
     struct rec_uncertainty uncertainty;
     struct rec_photometry photometry;
 };
@@ -94,6 +102,11 @@ bool rec_camera_slopes(const struct rec_camera *c, const double X[3], struct rec
  * Inverts (3) or (5) by Newton iteration to 1e-10 px; false where it has no inverse (far outside). */
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3],
                     double dir[3]);
+
+/* The same for the ray that enters the lens at (from[0], from[1]) m beside its middle, along the camera's x and y, and
+ * crosses the middle ray at Z_cam = blur.focus, if there were no windows.  For pinhole and Scheimpflug. */
+bool rec_camera_ray_from(const struct rec_camera *c, double u, double v, const double from[2],
+                         double origin[3], double dir[3]);
 
 /* What a focal length is divided by for pixels per metre around X [m]: depth, distance for a fisheye, 1 for a
  * telecentric (windows are left out of account, which is right to some 1 %).  Not above 0:

@@ -348,9 +348,9 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     int node;
     int32_t size[2];
     snprintf(path, sizeof path, "cameras[%zu]", index);
-    PVX_TRY(pvx_yaml_known(r->y, m, path,
-                           "name size K distortion model R t windows gain photometry uncertainty",
-                           r->d));
+    PVX_TRY(pvx_yaml_known(
+        r->y, m, path, "name size K distortion model R t windows blur gain photometry uncertainty",
+        r->d));
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
@@ -369,6 +369,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     PVX_TRY(read_pose(r, m, path, c));
     if ((node = pvx_yaml_get(r->y, m, "windows")) != 0)
         PVX_TRY(rec_windows_read(r->y, node, path, &rig->grid, c, r->d));
+    if ((node = pvx_yaml_get(r->y, m, "blur")) != 0)
+        PVX_TRY(rec_blur_read(r->y, node, path, &rig->grid, c, r->d));
     PVX_TRY(read_gain(r, m, path, c));
     if ((node = pvx_yaml_get(r->y, m, "photometry")) != 0) {
         char full[64];
@@ -489,6 +491,7 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         rig_put_list(f, "    R", c->R, 9, "\n");
         rig_put_list(f, "    t", c->t, 3, "\n");
         rec_windows_write(f, c);
+        rec_blur_write(f, c);
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
             rig_put_list(f, "    gain", gain, 3, "\n");
         rec_photometry_write(f, &c->photometry);
@@ -642,6 +645,9 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
         hash_doubles(&h, extra, rec_window_numbers(c, extra));
         if (c->model == REC_SCHEIMPFLUG)
             hash_doubles(&h, c->tilt, 2);
+        const double blur[] = {-1, c->blur.sigma, c->blur.aperture, c->blur.focus};
+        if (blur[1] > 0 || blur[2] > 0)
+            hash_doubles(&h, blur, 4);
     }
     for (size_t i = 0; i < r->bodies.n; i++) { /* no bodies: the hash of old rigs stays */
         double b[8];

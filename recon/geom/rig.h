@@ -9,6 +9,7 @@
  *                R: [9], t: [3],
  *                windows: [{ plane: [nx,ny,nz,d], thickness, n }] (optional: at most REC_WINDOWS flat plates of glass
  *                between the camera and all of the volume; n . x = d [m] on the face towards the camera; camera.h (8)),
+ *                blur: { sigma } (px) or { aperture, focus } (m) (optional; bundle.h),
  *                gain: [1 or 3 numbers, optional],
  *                photometry: {...} (optional; photometry.h),
  *                uncertainty: { px, px_95, voxels, voxels_95 } (optional; struct rec_uncertainty) }

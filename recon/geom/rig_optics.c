@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "recon/geom/bundle.h"
+
 #define MAX_COORD 1e6 /* m, as in rig.c */
 
 /* How far X [m] is behind the face towards the camera. */
@@ -94,6 +96,58 @@ pvx_err rec_windows_read(const pvx_yaml *y, int seq, const char *path, const str
         c->n_windows++;
     }
     return PVX_OK;
+}
+
+static pvx_err blur_lens(const pvx_yaml *y, int map, const char *path, const struct rec_grid *g,
+                         struct rec_camera *c, struct pvx_diag *d)
+{
+    char full[80];
+    int node = pvx_yaml_get(y, map, "aperture"), focus = pvx_yaml_get(y, map, "focus");
+    if (node == 0 || focus == 0)
+        return pvx_yaml_fail(
+            y, map, path, PVX_EFORMAT, d,
+            "should have the key 'sigma' (px), or both 'aperture' and 'focus' (m)");
+    if (c->model == REC_FISHEYE || c->model == REC_TELECENTRIC)
+        return pvx_yaml_fail(
+            y, node, path, PVX_EUNSUP, d,
+            "an aperture is for model pinhole and scheimpflug; a %s has sigma only",
+            rec_camera_model_name(c->model));
+    snprintf(full, sizeof full, "%s.aperture", path);
+    PVX_TRY(pvx_yaml_double(y, node, full, 1e-9, 10, &c->blur.aperture, d));
+    snprintf(full, sizeof full, "%s.focus", path);
+    PVX_TRY(pvx_yaml_double(y, focus, full, 1e-6, MAX_COORD, &c->blur.focus, d));
+    double disc = rec_blur_disc(c, g);
+    if (disc > REC_BLUR_MAX)
+        return pvx_yaml_fail(y, node, path, PVX_EINVAL, d,
+                             "points of the volume become discs of radius %.3g px; at most %g are "
+                             "supported: aperture (its diameter) and focus are in metres",
+                             disc, REC_BLUR_MAX);
+    return PVX_OK;
+}
+
+pvx_err rec_blur_read(const pvx_yaml *y, int map, const char *path, const struct rec_grid *g,
+                      struct rec_camera *c, struct pvx_diag *d)
+{
+    char full[64], sigma[80];
+    snprintf(full, sizeof full, "%s.blur", path);
+    PVX_TRY(pvx_yaml_known(y, map, full, "sigma aperture focus", d));
+    int node = pvx_yaml_get(y, map, "sigma");
+    if (node == 0)
+        return blur_lens(y, map, full, g, c, d);
+    if (pvx_yaml_get(y, map, "aperture") != 0 || pvx_yaml_get(y, map, "focus") != 0)
+        return pvx_yaml_fail(y, map, full, PVX_EFORMAT, d,
+                             "has sigma (px) or aperture and focus (m), not both");
+    snprintf(sigma, sizeof sigma, "%s.sigma", full);
+    return pvx_yaml_double(y, node, sigma, 0, REC_BLUR_MAX, &c->blur.sigma, d);
+}
+
+void rec_blur_write(FILE *f, const struct rec_camera *c)
+{
+    if (c->blur.sigma > 0)
+        fprintf(f, "    blur: { sigma: %.17g }\n", c->blur.sigma);
+    if (c->blur.aperture > 0)
+        fprintf(f, "    blur: { aperture: %.17g, focus: %.17g }\n", c->blur.aperture,
+                c->blur.focus);
 }
 
 void rec_windows_write(FILE *f, const struct rec_camera *c)

@@ -9,6 +9,11 @@
 PVX_MUST_CHECK pvx_err rec_windows_read(const pvx_yaml *y, int seq, const char *path,
                                         const struct rec_grid *g, struct rec_camera *c,
                                         struct pvx_diag *d);
+/* Reads the mapping `map` under `blur`; windows and lens are known. */
+PVX_MUST_CHECK pvx_err rec_blur_read(const pvx_yaml *y, int map, const char *path,
+                                     const struct rec_grid *g, struct rec_camera *c,
+                                     struct pvx_diag *d);
+void rec_blur_write(FILE *f, const struct rec_camera *c);
 void rec_windows_write(FILE *f, const struct rec_camera *c);
 
 /* Numbers of c's windows, for hashes, into out[6 REC_WINDOWS]; returns how many. */

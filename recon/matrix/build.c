@@ -133,8 +133,7 @@ static pvx_err matrix_build_camera(struct build *b, pvx_pool *pool, struct pvx_d
     struct rec_sysmat_block *block = &b->m->block[b->camera];
     struct rec_entries *out = &b->part[b->camera];
     size_t rows = (size_t)block->bw * (size_t)block->bh;
-    b->t.c = &b->rig->cameras[b->camera];
-    b->t.bw = block->bw;
+    rec_tracer_camera(&b->t, b->camera, block->bw);
     b->bh = block->bh;
     cut_bands(b);
     atomic_store(&b->rows_done, 0);
@@ -148,7 +147,7 @@ static pvx_err matrix_build_camera(struct build *b, pvx_pool *pool, struct pvx_d
                     : build_trace_camera(b, pool, d);
     PVX_FREE(b->rows.bin_n);
     PVX_TRY(e);
-    if (rec_sysmat_footprints(b->m, b->t.c, block, out, pool, fp) != PVX_OK)
+    if (rec_sysmat_footprints(b->m, b->t.bundle.c, block, out, pool, fp) != PVX_OK)
         return build_no_memory(b, 0, d);
     PVX_FREE(out->depth);
     return PVX_OK;

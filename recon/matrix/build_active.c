@@ -159,8 +159,7 @@ pvx_err rec_active_begin(struct rec_active_build *b)
 {
     const struct rec_sysmat_block *block = &b->level[0].m->block[b->camera];
     struct rec_entries *part = &b->level[0].part[b->camera];
-    b->t.c = &b->rig->cameras[b->camera];
-    b->t.bw = block->bw;
+    rec_tracer_camera(&b->t, b->camera, block->bw);
     bool room = rec_rays_new_depth(b->rig, (size_t)block->bw * (size_t)block->bh, &part->depth) &&
                 new_rows(b);
     b->t.depth = part->depth;
@@ -173,8 +172,8 @@ static pvx_err build_active_build_camera(struct rec_active_build *b, pvx_pool *p
     pvx_err e =
         rec_active_begin(b) == PVX_OK ? matrix_trace_camera(b, pool, d) : matrix_no_memory(b, 0, d);
     if (e == PVX_OK &&
-        rec_sysmat_active_footprints(b->level[0].m, b->camera, b->t.c, &b->level[0].part[b->camera],
-                                     b->met, pool) != PVX_OK)
+        rec_sysmat_active_footprints(b->level[0].m, b->camera, b->t.bundle.c,
+                                     &b->level[0].part[b->camera], b->met, pool) != PVX_OK)
         e = matrix_no_memory(b, 0, d);
     rec_active_end(b);
     return e;

@@ -168,7 +168,11 @@ double rec_sysmat_whole(const struct rec_rig *rig, const struct rec_sysmat_param
             h = fmax(h, rec_grid_h(g, a));
         }
         d2 = k->model == REC_TELECENTRIC ? 1 : d2;
-        at_most = fmax(at_most, d2 > 0 ? fmax(k->fx, k->fy) * h / sqrt(d2) / p->binning : 0);
+        struct rec_bundle b;
+        rec_bundle_init(&b, k, p->binning, p->rays_per_bin, g);
+        at_most = fmax(at_most, d2 > 0 ? fmax(k->fx, k->fy) * h / sqrt(d2) / p->binning +
+                                             2 * b.reach / p->binning
+                                       : 0);
     }
     double side = g->basis == REC_TRILINEAR ? 2 * at_most + 1 : at_most + 1;
     double entries = fmax(0.55 * side * side, 1), more = entries > 12 ? 28 * entries / 6 : 0;

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "recon/geom/bundle.h"
 #include "recon/geom/glass.h"
 #include "recon/matrix/footprint.h"
 
@@ -37,6 +38,7 @@ struct job {
     bool by_point;   /* the quantities from X on are d(u,v)/dX_cam */
     double diagonal; /* m, of a support */
     double bend;     /* px, of any support: rounding, and the glass */
+    bool blurred;
     atomic_bool out_of_memory;
 };
 
@@ -247,7 +249,9 @@ static struct rec_rect footprint(const struct job *j, const int32_t item[3],
     if (!k->hidden[x]) {
         struct rec_rect r = rectangle(j, k, x);
         if (!behind_body(j, item, r))
-            return j->part->colptr != NULL ? with_entries(j, footprint_column(j, item), r) : r;
+            return j->part->colptr != NULL && !j->blurred
+                       ? with_entries(j, footprint_column(j, item), r)
+                       : r;
     }
     /* partly behind a body or the camera or past the fold of the lens: its outline is not known */
     if (j->part->colptr == NULL)
@@ -367,7 +371,10 @@ static pvx_err footprint_project(struct job *j, pvx_pool *pool)
     }
     double glass =
         j->c->n_windows > 0 && j->c->model != REC_TELECENTRIC ? rec_glass_bend(j->c, g) : 0;
+    struct rec_bundle bundle;
+    rec_bundle_init(&bundle, j->c, j->m->binning, j->m->rays_per_bin, g);
     j->by_point = j->c->model == REC_TELECENTRIC || glass < 0;
+    j->blurred = bundle.reach > 0;
     j->bend = 1e-6 + fmax(glass, 0) * j->diagonal * j->diagonal / 4;
     pvx_pool_run(pool, (size_t)((j->n[2] + j->slab - 1) / j->slab), footprint_slab, j);
     return atomic_load(&j->out_of_memory) ? PVX_ENOMEM : PVX_OK;

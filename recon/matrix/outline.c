@@ -13,14 +13,13 @@ static pvx_err outline_camera(rec_sysmat *m, const struct rec_rig *rig,
     struct rec_sysmat_block *b = &m->block[c];
     struct rec_tracer t;
     rec_tracer_init(&t, rig, p);
-    t.c = &rig->cameras[c];
-    t.bw = b->bw;
+    rec_tracer_camera(&t, c, b->bw);
     m->active->rect[c] = pvx_calloc(m->active->bricks, sizeof **m->active->rect);
     if (m->active->rect[c] == NULL ||
         !rec_rays_new_depth(rig, (size_t)b->bw * (size_t)b->bh, &t.depth))
         return PVX_ENOMEM;
     rec_rays_depth(&t, b->bh, pool);
-    pvx_err e = rec_sysmat_brick_footprints(m, t.c, b, t.depth, pool, m->active->rect[c]);
+    pvx_err e = rec_sysmat_brick_footprints(m, t.bundle.c, b, t.depth, pool, m->active->rect[c]);
     free(t.depth);
     return e;
 }

@@ -12,7 +12,21 @@ void rec_tracer_init(struct rec_tracer *t, const struct rec_rig *rig,
 {
     *t = (struct rec_tracer){.rig = rig, .binning = p->binning, .rays = p->rays_per_bin};
     t->per_unit = 1.0 / rec_sysmat_unit(&rig->grid);
-    t->bin_max = rec_traverse_max(&rig->grid) * (size_t)(t->rays * t->rays);
+    t->most = t->rays * t->rays;
+    for (size_t c = 0; c < rig->n_cameras; c++) {
+        rec_bundle_init(&t->bundle, &rig->cameras[c], t->binning, t->rays, &rig->grid);
+        int32_t n = rec_bundle_rays(&t->bundle);
+        t->most = n > t->most ? n : t->most;
+    }
+    t->bin_max = rec_traverse_max(&rig->grid) * (size_t)t->most;
+    if (t->most > t->rays * t->rays && t->bin_max > rec_grid_count(&rig->grid))
+        t->bin_max = rec_grid_count(&rig->grid) + 1; /* a voxel is in a bin once */
+}
+
+void rec_tracer_camera(struct rec_tracer *t, size_t c, int32_t bw)
+{
+    rec_bundle_init(&t->bundle, &t->rig->cameras[c], t->binning, t->rays, &t->rig->grid);
+    t->bw = bw;
 }
 
 pvx_err rec_rays_new(const struct rec_tracer *t, struct rec_rays *r)
@@ -24,7 +38,7 @@ pvx_err rec_rays_new(const struct rec_tracer *t, struct rec_rays *r)
     r->index = pvx_calloc(max, sizeof *r->index);
     r->value = pvx_calloc(max, sizeof *r->value);
     bool ok = r->index != NULL && r->value != NULL;
-    if (t->rays > 1) {
+    if (t->most > 1) {
         r->slot = pvx_calloc((size_t)1 << r->slot_bits, sizeof *r->slot);
         r->order = pvx_calloc(t->bin_max, sizeof *r->order);
         ok = ok && r->slot != NULL && r->order != NULL;
@@ -43,14 +57,12 @@ void rec_rays_free(struct rec_rays *r)
     *r = (struct rec_rays){0};
 }
 
-/* Sub-ray (i,j) of bin (x,y).  False: the lens does not reach there, it sees nothing. */
+/* A ray of bin (x,y).  False: the lens does not reach there, it sees nothing. */
 static bool ray_of(const struct rec_tracer *t, int32_t x, int32_t y, int32_t sub, double o[3],
                    double d[3])
 {
-    double step = (double)t->binning / t->rays;
-    double u = (double)x * t->binning - 0.5 + (sub % t->rays + 0.5) * step;
-    double v = (double)y * t->binning - 0.5 + (sub / t->rays + 0.5) * step;
-    return rec_camera_ray(t->c, u, v, o, d);
+    double u = (double)x * t->binning - 0.5, v = (double)y * t->binning - 0.5;
+    return rec_bundle_ray(&t->bundle, u, v, sub, o, d);
 }
 
 /* Metres to the first body, also into the bin's depth. */
@@ -118,7 +130,8 @@ size_t rec_rays_bin(const struct rec_tracer *t, struct rec_rays *r, int32_t x, i
                     uint32_t *col, uint8_t *val)
 {
     struct row row = {.sum = 0.5, .col = col, .val = val};
-    if (t->rays == 1) {
+    int32_t rays = rec_bundle_rays(&t->bundle);
+    if (rays == 1) {
         size_t traced = rays_trace(t, r, x, y, 0);
         for (size_t i = 0; i < traced; i++)
             rays_put(&row, r->index[i], r->value[i] * t->per_unit);
@@ -129,9 +142,9 @@ size_t rec_rays_bin(const struct rec_tracer *t, struct rec_rays *r, int32_t x, i
         memset(r->slot, 0, sizeof *r->slot << r->slot_bits);
         r->epoch = 1;
     }
-    for (int32_t sub = 0; sub < t->rays * t->rays; sub++)
+    for (int32_t sub = 0; sub < rays; sub++)
         used = merge(r, rays_trace(t, r, x, y, sub), used);
-    double share = t->per_unit / (t->rays * t->rays);
+    double share = t->per_unit / rays;
     for (size_t i = 0; i < used; i++) {
         const struct rec_ray_slot *slot = &r->slot[r->order[i]];
         rays_put(&row, slot->index, slot->sum * share);
@@ -144,7 +157,7 @@ static void depth_row(void *ctx, size_t y)
     const struct rec_tracer *t = ctx;
     double o[3], d[3];
     for (int32_t x = 0; x < t->bw; x++)
-        for (int32_t sub = 0; sub < t->rays * t->rays; sub++)
+        for (int32_t sub = 0; sub < rec_bundle_rays(&t->bundle); sub++)
             if (ray_of(t, x, (int32_t)y, sub, o, d))
                 (void)end_of(t, x, (int32_t)y, o, d);
 }

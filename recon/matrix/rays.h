@@ -4,20 +4,24 @@
  * its depth.  A rec_rays belongs to one thread at a time. */
 #ifndef REC_RAYS_H
 #define REC_RAYS_H
+#include "recon/geom/bundle.h"
 #include "recon/matrix/store.h"
 
 /* One camera's rays, on the grid of the finest level. */
 struct rec_tracer {
     const struct rec_rig *rig;
-    const struct rec_camera *c;
+    struct rec_bundle bundle; /* of the camera */
     int32_t binning, rays, bw;
+    int32_t most;    /* rays of a bin of any camera, at most */
     double per_unit; /* 1 / unit of the matrix */
-    size_t bin_max;  /* entries of a bin, at most */
+    size_t bin_max;  /* entries of a bin of any camera, at most */
     float *depth;    /* [bins] m to the nearest body, or NULL: no bodies */
 };
 /* Sets all that does not depend on the camera. */
 void rec_tracer_init(struct rec_tracer *t, const struct rec_rig *rig,
                      const struct rec_sysmat_params *p);
+/* The rays of camera c, which has bins in rows of bw. */
+void rec_tracer_camera(struct rec_tracer *t, size_t c, int32_t bw);
 
 /* Work area for walking a bin. */
 struct rec_rays {

@@ -32,6 +32,8 @@
  * touches (conservative: every bin with a ray through the support is inside it; a support smaller
  * than a bin still has one).  seen = some part of it is in the image; behind or outside = unseen.
  * Rays end at the first body of the rig: voxels behind it have no entries there and are unseen.
+ * A camera that blurs (camera.h) has footprints of its middle rays: light in a voxel reaches all of them, so the hull
+ * stays conservative, and its entries reach further.
  * On coarser levels a footprint is the union of the children's.
  * Files: little-endian, one version, header and sections with XXH3-64 checksums, key = hash of all
  * that S depends on, all levels in one file.

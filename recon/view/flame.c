@@ -4,6 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "recon/geom/bundle.h"
+
 #define PI  3.14159265358979323846
 #define CUT 5.0 /* sigmas */
 
@@ -323,16 +325,26 @@ static int32_t at_most(int32_t a, int32_t b)
     return a < b ? a : b;
 }
 
-/* Cameras whose rays have no common centre: ray by ray. */
+/* Cameras whose rays have no common centre, and blurred ones: ray by ray. */
 static void flame_render_rays(const struct rec_flame_pose *p, const struct rec_camera *c, int sub,
                               int32_t y0, int32_t y1, float *image)
 {
+    struct rec_bundle b;
+    struct rec_grid g = {.n = {1, 1, 1}};
+    for (int a = 0; a < 3; a++) { /* how far out of focus the flame is */
+        g.min[a] = INFINITY;
+        g.max[a] = -INFINITY;
+        for (int k = 0; k < p->n; k++) {
+            g.min[a] = fmin(g.min[a], p->blob[k].m[a] - p->blob[k].s[a]);
+            g.max[a] = fmax(g.max[a], p->blob[k].m[a] + p->blob[k].s[a]);
+        }
+    }
+    rec_bundle_init(&b, c, 1, sub, &g);
     for (int32_t y = y0; y < y1; y++)
         for (int32_t x = 0; x < c->width; x++) {
             double sum[3] = {0}, o[3], d[3], rgb[3];
-            for (int s = 0; s < sub * sub; s++) {
-                if (!rec_camera_ray(c, x + (s % sub + 0.5) / sub - 0.5,
-                                    y + (s / sub + 0.5) / sub - 0.5, o, d))
+            for (int32_t i = 0; i < rec_bundle_rays(&b); i++) {
+                if (!rec_bundle_ray(&b, x - 0.5, y - 0.5, i, o, d))
                     continue;
                 rec_flame_ray(p, o, d, rgb);
                 for (int ch = 0; ch < 3; ch++)
@@ -340,7 +352,7 @@ static void flame_render_rays(const struct rec_flame_pose *p, const struct rec_c
             }
             for (int ch = 0; ch < 3; ch++)
                 image[((size_t)y * (size_t)c->width + (size_t)x) * 3 + (size_t)ch] =
-                    (float)(sum[ch] / (sub * sub));
+                    (float)(sum[ch] / rec_bundle_rays(&b));
         }
 }
 
@@ -350,7 +362,8 @@ void rec_flame_render(const struct rec_flame_pose *p, const struct rec_camera *c
     struct seen_blob blob[REC_FLAME_MAX_BLOBS];
     int n = 0;
     double centre[3];
-    if (c->n_windows > 0 || c->model == REC_TELECENTRIC) {
+    if (c->n_windows > 0 || c->model == REC_TELECENTRIC || c->blur.sigma > 0 ||
+        c->blur.aperture > 0) {
         flame_render_rays(p, c, sub, y0, y1, image);
         return;
     }

@@ -19,28 +19,44 @@ struct view {
     const float *dense;
     int nch;
     const struct rec_eye *eye;
+    struct rec_bundle bundle;
     float *image;
     size_t max;
     int32_t *index; /* [TASKS][max] */
     float *value;   /* [TASKS][max] */
 };
 
-size_t rec_eye_ray(const struct rec_eye *eye, const struct rec_grid *g, double px, double py,
-                   int32_t *index, float *value)
+void rec_eye_rays(const struct rec_eye *eye, const struct rec_grid *g, struct rec_bundle *out)
+{
+    rec_bundle_init(out, eye->camera, 1, eye->sub, g);
+}
+
+/* Of a sharp camera.  It is not rec_bundle_ray, so that pictures keep their bits. */
+static bool eye_sharp(const struct rec_eye *eye, int32_t x, int32_t y, int32_t i, double o[3],
+                      double d[3])
+{
+    return rec_camera_ray(eye->camera, x + (i % eye->sub + 0.5) / eye->sub - 0.5,
+                          y + (i / eye->sub + 0.5) / eye->sub - 0.5, o, d);
+}
+
+size_t rec_eye_ray(const struct rec_eye *eye, const struct rec_bundle *b, const struct rec_grid *g,
+                   const int32_t pixel[2], int32_t i, int32_t *index, float *value)
 {
     double o[3], d[3], end = INFINITY;
-    if (!rec_camera_ray(eye->camera, px, py, o, d))
+    if (!(b->reach > 0 ? rec_bundle_ray(b, pixel[0] - 0.5, pixel[1] - 0.5, i, o, d)
+                       : eye_sharp(eye, pixel[0], pixel[1], i, o, d)))
         return 0;
     if (eye->bodies != NULL && eye->bodies->n > 0)
         end = rec_body_hit(eye->bodies, o, d);
     return rec_traverse_until(g, o, d, end, index, value);
 }
 
-static void render_add_ray(const struct view *v, size_t task, double px, double py, double sum[3])
+static void render_add_ray(const struct view *v, size_t task, const int32_t pixel[2], int32_t i,
+                           double sum[3])
 {
     int32_t *index = v->index + task * v->max;
     float *value = v->value + task * v->max;
-    size_t n = rec_eye_ray(v->eye, v->g, px, py, index, value);
+    size_t n = rec_eye_ray(v->eye, &v->bundle, v->g, pixel, i, index, value);
     for (size_t e = 0; e < n; e++) {
         const float *a = v->dense + (size_t)index[e] * (size_t)v->nch;
         for (int ch = 0; ch < v->nch; ch++)
@@ -53,16 +69,15 @@ static void view_render_rows(void *ctx, size_t task)
     const struct view *v = ctx;
     const struct rec_camera *c = v->eye->camera;
     int32_t w = c->width;
-    int sub = v->eye->sub;
+    int32_t rays = rec_bundle_rays(&v->bundle);
     for (int32_t y = (int32_t)task; y < c->height; y += TASKS)
         for (int32_t x = 0; x < w; x++) {
             double sum[3] = {0};
-            for (int s = 0; s < sub * sub; s++)
-                render_add_ray(v, task, x + (s % sub + 0.5) / sub - 0.5,
-                               y + (s / sub + 0.5) / sub - 0.5, sum);
+            for (int32_t i = 0; i < rays; i++)
+                render_add_ray(v, task, (const int32_t[2]){x, y}, i, sum);
             float *out = v->image + ((size_t)y * (size_t)w + (size_t)x) * (size_t)v->nch;
             for (int ch = 0; ch < v->nch; ch++)
-                out[ch] = (float)(sum[ch] / (sub * sub));
+                out[ch] = (float)(sum[ch] / rays);
         }
 }
 
@@ -73,6 +88,7 @@ pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch, const 
         return PVX_EINVAL;
     struct view v = {
         .g = g, .dense = dense, .nch = nch, .eye = eye, .image = image, .max = rec_traverse_max(g)};
+    rec_eye_rays(eye, g, &v.bundle);
     v.index = pvx_calloc(v.max * TASKS, sizeof *v.index);
     v.value = pvx_calloc(v.max * TASKS, sizeof *v.value);
     pvx_err e = v.index != NULL && v.value != NULL ? PVX_OK : PVX_ENOMEM;

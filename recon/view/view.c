@@ -33,6 +33,7 @@ struct sum {
 struct rec_view {
     struct rec_camera camera; /* of eye */
     struct rec_eye eye;
+    struct rec_bundle bundle; /* of the grid */
     size_t max_bytes;
     pvx_pool *pool;
     struct rec_kernels kernels;
@@ -118,6 +119,7 @@ static pvx_err use_grid(rec_view *v, const struct rec_grid *g)
     for (size_t i = 0; i < v->voxels; i++)
         v->number[i] = -1;
     v->grid = *g;
+    rec_eye_rays(&v->eye, g, &v->bundle);
     return PVX_OK;
 }
 
@@ -260,10 +262,9 @@ static bool view_make_room(struct part *p, size_t entries)
 static void trace_pixel(const rec_view *v, int32_t x, int32_t y, int32_t *index, float *value,
                         struct sum *s)
 {
-    int sub = v->eye.sub;
-    for (int r = 0; r < sub * sub; r++) {
-        size_t n = rec_eye_ray(&v->eye, &v->grid, x + (r % sub + 0.5) / sub - 0.5,
-                               y + (r / sub + 0.5) / sub - 0.5, index, value);
+    for (int32_t i = 0; i < rec_bundle_rays(&v->bundle); i++) {
+        size_t n =
+            rec_eye_ray(&v->eye, &v->bundle, &v->grid, (const int32_t[2]){x, y}, i, index, value);
         for (size_t e = 0; e < n; e++)
             if (v->number[index[e]] >= 0)
                 sum_add(s, (uint32_t)v->number[index[e]], value[e]);
@@ -278,8 +279,7 @@ static void trace_part(void *ctx, size_t task)
     struct sum s = {0};
     int32_t *index = malloc(t->max * sizeof *index);
     float *value = malloc(t->max * sizeof *value);
-    size_t rays = (size_t)v->eye.sub * (size_t)v->eye.sub * t->max,
-           columns = (size_t)v->stats.columns;
+    size_t rays = (size_t)rec_bundle_rays(&v->bundle) * t->max, columns = (size_t)v->stats.columns;
     uint32_t at = 0;
     size_t pixel = 0;
     int err = PVX_OK;
@@ -296,7 +296,7 @@ static void trace_part(void *ctx, size_t task)
                 err = PVX_ENOMEM;
             else {
                 uint32_t n = s.n;
-                sum_unload(&s, p->v.entry + at, 1.0 / (v->eye.sub * v->eye.sub));
+                sum_unload(&s, p->v.entry + at, 1.0 / rec_bundle_rays(&v->bundle));
                 at += n;
                 p->v.ptr[++pixel] = at;
             }

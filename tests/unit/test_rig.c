@@ -304,6 +304,49 @@ T_CASE(windows_and_other_rays)
            "through the glass towards camera a: a window stands between camera and volume");
 }
 
+T_CASE(blur_is_sigma_or_a_lens)
+{
+    struct rec_rig r, back;
+    struct pvx_diag d;
+    T_EQ_I(parse(HEAD CAM("a", "    blur: { sigma: 1.5 }\n")
+                     CAM("b", "    blur: { aperture: 0.01, focus: 2.5 }\n")
+                         CAM("c", "    model: telecentric\n    blur: { sigma: 2 }\n") CAM("d", ""),
+                 &r, &d),
+           PVX_OK);
+    T_EQ_S(d.text, "");
+    T_NEAR(r.cameras[0].blur.sigma, 1.5, 0);
+    T_NEAR(r.cameras[1].blur.aperture, 0.01, 0);
+    T_NEAR(r.cameras[1].blur.focus, 2.5, 0);
+    char *out;
+    size_t len;
+    T_EQ_I(rec_rig_format(&r, &out, &len), PVX_OK);
+    T_EQ_I(parse(out, &back, &d), PVX_OK);
+    T_OK(memcmp(r.cameras, back.cameras, r.n_cameras * sizeof *r.cameras) == 0);
+    uint64_t h = rec_rig_hash(&r);
+    T_OK(rec_rig_hash(&back) == h);
+    double *all[] = {&back.cameras[0].blur.sigma, &back.cameras[1].blur.aperture,
+                     &back.cameras[1].blur.focus, &back.cameras[3].blur.sigma};
+    for (size_t i = 0; i < 4; i++) {
+        double old = *all[i];
+        *all[i] = old + 1e-9;
+        T_OK(rec_rig_hash(&back) != h);
+        *all[i] = old;
+    }
+    free(out);
+    rec_rig_fini(&r);
+    rec_rig_fini(&back);
+    refuse(HEAD CAM("a", "    blur: 2\n"), PVX_EFORMAT, "rig.yaml:9: cameras[0].blur");
+    refuse(HEAD CAM("a", "    blur: { aperture: 0.01 }\n"), PVX_EFORMAT,
+           "should have the key 'sigma' (px), or both 'aperture' and 'focus' (m)");
+    refuse(HEAD CAM("a", "    blur: { sigma: 1, focus: 2 }\n"), PVX_EFORMAT, "not both");
+    refuse(HEAD CAM("a", "    blur: { sigma: 17 }\n"), PVX_EINVAL, "cameras[0].blur.sigma");
+    refuse(HEAD CAM("a", "    blur: { aperture: 1, focus: 2 }\n"), PVX_EINVAL,
+           "points of the volume become discs of radius");
+    refuse(HEAD CAM("a", "    model: fisheye\n    blur: { aperture: 0.01, focus: 2 }\n"),
+           PVX_EUNSUP,
+           "an aperture is for model pinhole and scheimpflug; a fisheye has sigma only");
+}
+
 T_CASE(messages_name_the_place)
 {
     refuse("", PVX_EFORMAT, "rig.yaml:1: rig: should be a mapping");

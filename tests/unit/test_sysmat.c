@@ -9,6 +9,7 @@
 #include <unistd.h>
 #include "base/file.h"
 #include "base/log.h"
+#include "recon/geom/bundle.h"
 #include "recon/geom/traverse.h"
 #include "recon/matrix/cache.h"
 #include "tests/lib/scratch.h"
@@ -421,6 +422,53 @@ T_CASE(footprints_hold_their_support)
          * is loose */
         T_LE(area, (r.grid.n[0] == 2 ? 2.5 : 1.25) * (t < 16 ? 1 : 1.15) * spread);
         entries_free(&all);
+        done(&m, &r);
+    }
+}
+
+/* Blurred cameras, one behind glass: a row's sum is the mean of the chords of its bundle.  The footprint is that of a
+ * sharp camera, and light in the voxel reaches all of it. */
+T_CASE(blurred_rows_are_means_of_their_bundles)
+{
+    for (int basis = 0; basis < 2; basis++) {
+        struct rec_rig r = ring(2, 48, 36, 12, basis == 0 ? REC_BOX : REC_TRILINEAR), sharp;
+        T_EQ_I(rec_rig_copy(&r, &sharp), PVX_OK);
+        r.cameras[0].blur.sigma = 1.5;
+        other_rays(&r.cameras[1], 4);
+        other_rays(&sharp.cameras[1], 4);
+        r.cameras[1].blur.aperture = 0.12;
+        r.cameras[1].blur.focus = 4;
+        rec_sysmat *m = build(&r, 2, 2, 2), *was = build(&sharp, 2, 2, 2);
+        double *sum = sums_of_rows(m);
+        struct entries all = entries_of(m), before = entries_of(was);
+        T_LE(1.5 * (double)before.nnz, (double)all.nnz);
+        for (size_t c = 0; c < 2 && basis == 0; c++) {
+            const struct rec_sysmat_block *b = &m->block[c];
+            struct rec_bundle rays;
+            rec_bundle_init(&rays, &r.cameras[c], 2, 2, &r.grid);
+            T_LE(9, rec_bundle_rays(&rays));
+            for (int32_t y = 0; y < b->bh; y++)
+                for (int32_t x = 0; x < b->bw; x++) {
+                    double want = 0, o[3], d[3];
+                    for (int32_t i = 0; i < rec_bundle_rays(&rays); i++) {
+                        T_OK(rec_bundle_ray(&rays, 2 * x - 0.5, 2 * y - 0.5, i, o, d));
+                        want += chord(&r.grid, o, d) / rec_bundle_rays(&rays);
+                    }
+                    T_NEAR(sum[m->row0[c] + (size_t)(y * b->bw + x)], want,
+                           0.5 * m->unit + 1e-6 * want);
+                }
+        }
+        for (size_t c = 0; c < 2; c++)
+            for (int32_t j = 0; j < (int32_t)rec_grid_count(&r.grid); j++) {
+                struct rec_rect f = rec_footprint(m, c, j), g = rec_footprint(was, c, j);
+                if (basis == 1 && rec_rect_seen(g)) /* the sharp one has its entries' bins, too */
+                    T_OK(rec_rect_seen(f) && f.x0 >= g.x0 && f.x1 <= g.x1 && f.y0 >= g.y0 &&
+                         f.y1 <= g.y1);
+            }
+        free(sum);
+        entries_free(&all);
+        entries_free(&before);
+        done(&was, &sharp);
         done(&m, &r);
     }
 }

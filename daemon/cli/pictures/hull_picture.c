@@ -126,6 +126,7 @@ static struct rec_camera tile_camera(const struct rec_camera *c, struct window w
     s.height = (int32_t)fmin(TILE_H, fmax(1, floor((w.y1 - w.y0) * k + 1e-9)));
     s.fx *= k;
     s.fy *= k;
+    s.blur = (struct rec_blur){0}; /* outlines stay sharp */
     s.cx = (c->cx - w.x0) * k - 0.5;
     s.cy = (c->cy - w.y0) * k - 0.5;
     return s;

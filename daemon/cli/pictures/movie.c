@@ -94,6 +94,7 @@ static pvx_err exposure_of(struct movie *m, double *out)
     c.height = (int32_t)fmax(1, c.height * k);
     c.fx *= k;
     c.fy *= k;
+    c.blur.sigma *= k;
     c.cx = (c.cx + 0.5) * k - 0.5;
     c.cy = (c.cy + 0.5) * k - 0.5;
     size_t n = (size_t)c.width * (size_t)c.height * (size_t)m->nch;
