@@ -23,10 +23,13 @@ trap 'rm -rf "$notes"' EXIT
 # t.h: seconds, processor seconds and name of each case.  lib/main.c: the name of each program at each thread it starts.
 export T_TIMES=$notes/cases T_THREADS=$notes/threads
 : > "$T_TIMES"; : > "$T_THREADS"
-# Of a program's output: each PASS and SKIP, and each FAIL with the 60 lines before it that are neither.
-shown='/^(PASS|SKIP) / { print; n = 0; next }
+# Of a program's output: each PASS and SKIP, each FAIL with the 60 lines before it that are neither, and after a FAIL the
+# 60 last ones.
+shown='function say(from) { for (from = n > 60 ? n - 60 : 0; from < n; from++) print said[from]; n = 0 }
+       /^(PASS|SKIP) / { print; n = 0; next }
        { said[n++] = $0 }
-       /^FAIL / { for (i = n > 60 ? n - 60 : 0; i < n; i++) print said[i]; n = 0 }'
+       /^FAIL / { say(); failed = 1 }
+       END { if (failed) say() }'
 one() { # number, name, timeout, command...
     local n=$notes/$1 name=$2 limit=$3 out rc spent p f s; shift 3
     TIMEFORMAT='%R %U %S'
