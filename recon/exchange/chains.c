@@ -60,6 +60,28 @@ static pvx_err ros_lens(const struct exchange_in *in, struct rec_exchange_camera
                                fisheye ? REC_FISHEYE : REC_PINHOLE, v, n, c);
 }
 
+/* Of two rectified cameras, P = [K'|K' shift] says how they stand.  Source: sensor_msgs/CameraInfo. */
+static pvx_err ros_rectified(const struct exchange_in *in, struct rec_exchange_camera *c)
+{
+    double P[EXCHANGE_MAX], R[EXCHANGE_MAX];
+    size_t n;
+    const pvx_yaml *y = in->y;
+    int p = ros_any(y, "projection_matrix", "P", "p"),
+        r = ros_any(y, "rectification_matrix", "R", "r");
+    if (p == 0 || r == 0)
+        return PVX_OK;
+    PVX_TRY(exchange_numbers(in, p, "projection_matrix", 12, 12, P, &n));
+    PVX_TRY(exchange_numbers(in, r, "rectification_matrix", 9, 9, R, &n));
+    if (!(P[0] >= 1e-3 && P[5] >= 1e-3)) /* not rectified: all zeros */
+        return PVX_OK;
+    memcpy(c->rect, R, sizeof c->rect);
+    c->shift[0] = P[3] / P[0];
+    c->shift[1] = P[7] / P[5];
+    c->shift[2] = 0;
+    c->rectified = true;
+    return PVX_OK;
+}
+
 pvx_err exchange_read_ros(const struct exchange_in *in)
 {
     const pvx_yaml *y = in->y;
@@ -74,6 +96,7 @@ pvx_err exchange_read_ros(const struct exchange_in *in)
                         in->path);
     PVX_TRY(exchange_camera(in->x, in->path, *name != '\0' ? name : stem, &c, in->d));
     PVX_TRY(ros_lens(in, c));
+    PVX_TRY(ros_rectified(in, c));
     int w = ros_get(y, "image_width", "width"), h = ros_get(y, "image_height", "height");
     if (w != 0 && h != 0) {
         PVX_TRY(pvx_yaml_double(y, w, "image_width", 0, 1e6, &wh[0], in->d));

@@ -128,12 +128,34 @@ pvx_err rec_exchange_read(const char *path, enum rec_exchange_format from, struc
     return e;
 }
 
+/* X_cam = rect^T (X + shift), with X in the rectified frame of the first. */
+static pvx_err exchange_end_rectified(struct rec_exchange *x, struct pvx_diag *d)
+{
+    const struct exchange_in in = {NULL, "projection_matrix", x, d};
+    struct rec_exchange_camera *c = x->camera;
+    if (x->n != 2 || c[0].pose || c[1].pose || !c[0].rectified || !c[1].rectified)
+        return PVX_OK;
+    const bool first = c[0].shift[0] == 0 && c[0].shift[1] == 0;
+    const bool second = c[1].shift[0] == 0 && c[1].shift[1] == 0;
+    if (first == second)
+        return PVX_OK;
+    for (int i = 0; i < 2; i++) {
+        double R[9], t[3];
+        exchange_transpose(c[i].rect, R);
+        for (int k = 0; k < 3; k++)
+            t[k] = R[3 * k] * c[i].shift[0] + R[3 * k + 1] * c[i].shift[1];
+        PVX_TRY(exchange_pose(&in, 0, c[i].c.name, R, t, &c[i]));
+    }
+    exchange_note(x, "The world is the rectified frame of the camera with P[0,3] = 0.");
+    return PVX_OK;
+}
+
 pvx_err rec_exchange_end(struct rec_exchange *x, struct pvx_diag *d)
 {
     static const double one[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, zero[3];
     const struct exchange_in in = {NULL, "pair", x, d};
     if (!x->pair)
-        return PVX_OK;
+        return exchange_end_rectified(x, d);
     if (x->n != 2)
         return pvx_fail(d, PVX_EINVAL,
                         "R and T are of the second of two cameras, but the files have %zu: give "

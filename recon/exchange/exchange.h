@@ -32,7 +32,10 @@ enum rec_exchange_format rec_exchange_by_name(const char *name);
 
 struct rec_exchange_camera {
     struct rec_camera c; /* t in the file's unit; width 0: not known */
-    bool lens, pose;
+    bool lens, pose, rectified;
+    double rect[9],
+        shift
+            [3]; /* if rectified: X_rect = rect X_cam, X_rect = X_rect of the first of two + shift */
 };
 
 struct rec_exchange {
@@ -56,7 +59,7 @@ PVX_MUST_CHECK pvx_err rec_exchange_read(const char *path, enum rec_exchange_for
 PVX_MUST_CHECK pvx_err rec_exchange_parse(const char *text, size_t len, const char *path,
                                           enum rec_exchange_format from, struct rec_exchange *x,
                                           struct pvx_diag *d);
-/* After the last file: a pair's pose given to its cameras.  PVX_EINVAL: there are no two cameras. */
+/* After the last file: poses of a pair, OpenCV's or of ROS.  PVX_EINVAL: there are no two cameras. */
 PVX_MUST_CHECK pvx_err rec_exchange_end(struct rec_exchange *x, struct pvx_diag *d);
 
 /* The point that is nearest to all cameras' axes, in the files' unit; false: they are parallel. */

@@ -225,6 +225,25 @@ def ros():
         poses = folder / "poses.yaml"
         poses.write_text("".join(f"{c.name}: {{R: {c.R.tolist()}, T: {c.t.tolist()}}}\n" for c in truth))
         agrees(truth, [*files, poses], "--unit", "m")
+    # two rectified cameras: R and P have the poses, in the rectified frame of the first
+    a, b = truth[:2]
+    R, t = b.R @ a.R.T, b.t - b.R @ a.R.T @ a.t
+    R1, R2, P1, P2 = cv2.stereoRectify(a.K, a.dist, b.K, b.dist, a.size, R, t.reshape(3, 1))[:4]
+    pair = []
+    for c, rect, P in ((a, R1, P1), (b, R2, P2)):
+        given = folder / f"{c.name}-pair-given.yaml"
+        given.write_text(f"image_width: 640\nimage_height: 480\ncamera_name: {c.name}\ncamera_matrix: {matrix(c.K)}\ndistortion_model: {model}\n"
+                         f"distortion_coefficients: {matrix(c.dist.reshape(1, -1))}\nrectification_matrix: {matrix(rect)}\nprojection_matrix: {matrix(P)}\n")
+        pair.append(folder / f"{c.name}-pair.yaml")
+        if os.access(convert, os.X_OK):
+            subprocess.run([convert, given, pair[-1]], check=True, capture_output=True)
+        else:
+            pair[-1].write_text(given.read_text())
+    global POINTS
+    world, POINTS = POINTS, (POINTS @ a.R.T + a.t) @ R1.T
+    box = ",".join(f"{v:.3f}" for v in (*POINTS.min(0), *POINTS.max(0)))
+    agrees([Camera("cam0", a.K, a.dist, R1.T, [0, 0, 0], a.size), Camera("cam1", b.K, b.dist, R @ R1.T, t, b.size)], pair, "--unit", "m", box=box)
+    POINTS = world
     said = calibrate("import", *files, "--out", folder / "no.yaml", "--unit", "m", "--volume", BOX, code=1)
     assert "camera 'cam0' has a lens but no pose" in said, said
 
