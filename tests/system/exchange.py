@@ -90,6 +90,16 @@ def agrees(truth, files, *options, names=None, box=BOX):
     return said
 
 
+def agrees_in_first(truth, files, *options):
+    """The same for a format whose world is the first camera."""
+    global POINTS
+    a = truth[0]
+    world, POINTS = POINTS, POINTS @ a.R.T + a.t
+    moved = [Camera(c.name, c.K, c.dist, c.R @ a.R.T, c.t - c.R @ a.R.T @ a.t, c.size, c.fisheye) for c in truth]
+    agrees(moved, files, *options, box=",".join(f"{v:.3f}" for v in (*POINTS.min(0), *POINTS.max(0))))
+    POINTS = world
+
+
 def storage(path, cameras, **more):
     f = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     for c in cameras:
@@ -263,14 +273,7 @@ def kalibr():
             before = T
         path = folder / "camchain.yaml"
         path.write_text(text)
-        # the world is cam0
-        a = truth[0]
-        global POINTS
-        world, POINTS = POINTS, POINTS @ a.R.T + a.t
-        moved = [Camera(c.name, c.K, c.dist, c.R @ a.R.T, c.t - c.R @ a.R.T @ a.t, c.size, fisheye) for c in truth]
-        low, high = POINTS.min(0), POINTS.max(0)
-        agrees(moved, [path], box=",".join(f"{v:.3f}" for v in (*low, *high)))
-        POINTS = world
+        agrees_in_first(truth, [path])
 
 
 def anipose():
@@ -391,11 +394,10 @@ def round_trips():
             out = folder / f"trip-{to}"
             calibrate("export", "--rig", rig, "--to", to, "--out", out, "--force")
             files = sorted(out.iterdir()) if to == "jarvis" else [out]
-            options = {"jarvis": ["--unit", "mm"], "kalibr": []}.get(to, ["--unit", "m"])
-            if to == "anipose":
-                options += ["--from", "anipose"]
-            if to != "kalibr":  # whose world is cam0
-                agrees(truth, files, *options)
+            if to == "kalibr":
+                agrees_in_first(truth, files)
+                continue
+            agrees(truth, files, "--unit", "mm" if to == "jarvis" else "m", *(("--from", to) if to == "anipose" else ()))
         f = cv2.FileStorage(str(folder / "trip-opencv"), cv2.FILE_STORAGE_READ)
         assert np.allclose(f.getNode("cam2").getNode("camera_matrix").mat(), truth[2].K) and f.getNode("cam2").getNode("T").mat().shape == (3, 1)
         if shutil.which("colmap"):

@@ -250,6 +250,52 @@ T_CASE(colmap_is_refused)
     colmap("1 PINHOLE 1 1 5 5 3 2\n1 PINHOLE 1 1 5 5 3 2\n", "", PVX_EFORMAT, "is there twice");
 }
 
+/* A model in COLMAP's binary files, cut after any byte. */
+T_CASE(colmap_binary_cut_anywhere)
+{
+    static const double lens[8] = {500, 510, 300, 200, 0.1, 0, 0, 0},
+                        pose[7] = {1, 0, 0, 0, 1, 2, 3};
+    unsigned char file[2][400];
+    size_t n[2] = {0, 0};
+#define PUT(i, T, v) (memcpy(file[i] + n[i], &(T){v}, sizeof(T)), n[i] += sizeof(T))
+    PUT(0, uint64_t, 1);
+    PUT(0, uint32_t, 1);
+    PUT(0, int32_t, 4);
+    PUT(0, uint64_t, 640);
+    PUT(0, uint64_t, 480);
+    memcpy(file[0] + n[0], lens, sizeof lens);
+    n[0] += sizeof lens;
+    PUT(1, uint64_t, 1);
+    PUT(1, uint32_t, 1);
+    memcpy(file[1] + n[1], pose, sizeof pose);
+    n[1] += sizeof pose;
+    PUT(1, uint32_t, 1);
+    memcpy(file[1] + n[1], "a.png", 6);
+    n[1] += 6;
+    PUT(1, uint64_t, 2); /* points of 24 bytes */
+    memset(file[1] + n[1], 0, 48);
+    n[1] += 48;
+    for (int which = 0; which < 2; which++)
+        for (size_t cut = 0; cut <= n[which]; cut++) {
+            for (int i = 0; i < 2; i++) {
+                char path[256];
+                snprintf(path, sizeof path, "%s/%s.bin", dir, i ? "images" : "cameras");
+                FILE *f = fopen(path, "wb");
+                T_OK(f != NULL &&
+                     fwrite(file[i], 1, i == which ? cut : n[i], f) == (i == which ? cut : n[i]));
+                if (f != NULL)
+                    fclose(f);
+            }
+            fresh();
+            d.text[0] = '\0';
+            pvx_err e = rec_exchange_read(dir, REC_EXCHANGE_AUTO, &x, &d);
+            T_EQ_I(e, cut == n[which] ? PVX_OK : PVX_EFORMAT);
+            if (e != PVX_OK)
+                T_CONTAINS(d.text, "is cut off");
+        }
+    T_NEAR(x.camera[0].c.cx, 299.5, 0);
+}
+
 /* Cameras on a circle, with all axes through one point. */
 T_CASE(where_cameras_look)
 {
