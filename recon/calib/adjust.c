@@ -63,7 +63,8 @@ static bool adjust_corner(const struct calib *k, const struct source *of, const 
         X[2] += x[0][i] * bend[i];
     rec_model_move(x[3], X, Y, J != NULL ? Jb : NULL, Q);
     rec_model_move(x[2], Y, Z, J != NULL ? Jc : NULL, R);
-    if (!rec_model_project(x[1], Z, uv, J != NULL ? Jl : NULL, J != NULL ? JX : NULL))
+    const struct rec_model m = rec_calib_model(k, v->camera, x[1]);
+    if (!rec_model_project(&m, Z, uv, J != NULL ? Jl : NULL, J != NULL ? JX : NULL))
         return false;
     double over = 1 / k->scale[v->camera];
     double W[3] = {s->W[0] * over, s->W[1] * over, s->W[2] * over};

@@ -75,6 +75,7 @@ static pvx_err calib_finish(struct calib *k, double *cov, struct rec_rig *rig)
 {
     struct rec_uncertainty of[REC_MAX_CAMERAS];
     report_views(k);
+    PVX_TRY(rec_calib_beyond(k));
     PVX_TRY(rec_calib_suspect(k));
     PVX_TRY(rec_calib_place(k));
     PVX_TRY(rec_calib_rig(k, rig));

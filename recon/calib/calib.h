@@ -4,7 +4,8 @@
  * the board's shape, from corners u_cfi with covariance V_cfi:
  *     min sum_cfi  rho( | V^-1/2 ( pi(K_c, R_c (Q_f b_i + s_f) + t_c) - u_cfi ) |^2 ) + priors         (1)
  *     b = (x, y, w(x,y) [+ thickness on the back]),  w = w1 (X^2 - 1/3) + w2 X Y + w3 (Y^2 - 1/3)       (2)
- * pi: camera.h (1)-(4) with k1 k2 p1 p2 k3.  X, Y: -1..1 over the board, so that w contains no plane.  rho: Cauchy's
+ * pi: camera.h (1)-(4) with k1 k2 p1 p2 k3, and (8) for a camera that has windows in the old rig: they are known, and
+ * stand before the camera as in the old rig.  X, Y: -1..1 over the board, so that w contains no plane.  rho: Cauchy's
  * loss while wrong corners are searched; no loss for the corners that are left.  Triggs, McLauchlan, Hartley,
  * Fitzgibbon: Bundle adjustment - a modern synthesis, 2000.  The priors describe any ordinary lens (adjust.c).  A
  * number that the data do not determine better stays at its prior, and the report says so.

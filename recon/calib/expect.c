@@ -29,8 +29,9 @@ static bool rows(const struct calib *k, const struct rec_grid *g, size_t c, cons
     const struct rec_calib_camera *m = &k->in->camera[c];
     rec_pose_inverse(k->to_world, back);
     rec_pose_apply(back, at, X);
-    if (!rec_model_see(k->lens[c], k->fit_pose[c], X, Z, uv, A, G) || uv[0] < -0.5 ||
-        uv[1] < -0.5 || uv[0] > m->width - 0.5 || uv[1] > m->height - 0.5)
+    const struct rec_model lens = rec_calib_model(k, c, k->lens[c]);
+    if (!rec_model_see(&lens, k->fit_pose[c], X, Z, uv, A, G) || uv[0] < -0.5 || uv[1] < -0.5 ||
+        uv[0] > m->width - 0.5 || uv[1] > m->height - 0.5)
         return false;
     rec_model_turn(X, G, B);
     for (int r = 0; r < 2; r++) {

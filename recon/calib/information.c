@@ -26,7 +26,9 @@ static bool derive(const struct rec_information *w, uint32_t c, const double X[3
                    double B[12], double *depth)
 {
     double Z[3], uv[2], G[6], Y[3];
-    if (!rec_model_see(w->lens[c], w->pose[c], X, Z, uv, A, G))
+    struct rec_glass window[REC_WINDOWS];
+    const struct rec_model m = {w->lens[c], window, rec_calib_windows(&w->rig->cameras[c], window)};
+    if (!rec_model_see(&m, w->pose[c], X, Z, uv, A, G))
         return false;
     for (int i = 0; i < 3; i++)
         Y[i] = X[i] - w->board[9 + i];

@@ -4,8 +4,9 @@
 #include <string.h>
 
 #include "recon/calib/pose.h"
+#include "recon/geom/glass.h"
 
-bool rec_model_project(const double l[9], const double X[3], double uv[2], double *Jl, double *JX)
+static bool model_lens(const double l[9], const double X[3], double uv[2], double *Jl, double *JX)
 {
     if (!(X[2] > 1e-6))
         return false;
@@ -35,6 +36,27 @@ bool rec_model_project(const double l[9], const double X[3], double uv[2], doubl
         JX[3] = l[1] * xy * iz;
         JX[4] = l[1] * yy * iz;
         JX[5] = -l[1] * (xy * x + yy * y) * iz;
+    }
+    return true;
+}
+
+bool rec_model_project(const struct rec_model *m, const double X[3], double uv[2], double *Jl,
+                       double *JX)
+{
+    double Y[3], B[9];
+    if (m->windows == 0)
+        return model_lens(m->lens, X, uv, Jl, JX);
+    if (!(X[2] > 1e-6) || !rec_glass_solve(m->window, m->windows, X, Y) ||
+        !model_lens(m->lens, Y, uv, Jl, JX))
+        return false;
+    if (JX == NULL)
+        return true;
+    if (!rec_glass_inverse(m->window, m->windows, Y, B))
+        return false;
+    for (int r = 0; r < 2; r++) {
+        const double *g = JX + 3 * r, h[3] = {g[0], g[1], g[2]};
+        for (int a = 0; a < 3; a++)
+            JX[3 * r + a] = h[0] * B[a] + h[1] * B[3 + a] + h[2] * B[6 + a];
     }
     return true;
 }
@@ -74,12 +96,12 @@ void rec_model_move(const double pose[6], const double X[3], double out[3], doub
     }
 }
 
-bool rec_model_see(const double lens[9], const double pose[6], const double X[3], double Z[3],
+bool rec_model_see(const struct rec_model *m, const double pose[6], const double X[3], double Z[3],
                    double uv[2], double *A, double *G)
 {
     double Jl[18], JX[6], Jp[18], R[9];
     rec_model_move(pose, X, Z, Jp, R);
-    if (!rec_model_project(lens, Z, uv, Jl, JX))
+    if (!rec_model_project(m, Z, uv, Jl, JX))
         return false;
     for (int r = 0; r < 2; r++) {
         const double *j = JX + 3 * r;

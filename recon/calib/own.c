@@ -33,7 +33,8 @@ static void own_corner(const struct calib *k, const struct view *v, const struct
 {
     double X[3], Z[3], uv[2], d[2][L + 6];
     rec_calib_point(k, v, p, X);
-    if (!rec_model_see(k->lens[v->camera], v->pose[0], X, Z, uv, d[0], NULL))
+    const struct rec_model m = rec_calib_model(k, v->camera, k->lens[v->camera]);
+    if (!rec_model_see(&m, v->pose[0], X, Z, uv, d[0], NULL))
         return;
     for (int i = 0; i < L + 6; i++) { /* whitened */
         d[1][i] = (p->W[1] * d[0][i] + p->W[2] * d[1][i]) / k->alone[v->camera];

@@ -3,6 +3,7 @@
 #define REC_CALIB_PRIV_H
 #include "base/median.h"
 #include "recon/calib/calib.h"
+#include "recon/calib/model.h"
 #include "recon/calib/shim.h"
 
 #define SHAPE      4   /* numbers of the board's shape: warp [3], thickness */
@@ -59,10 +60,27 @@ struct calib {
     /* The covariance refers to the axes and numbers of the fit, so both are kept when the world is moved. */
     double fit_pose[REC_MAX_CAMERAS][6], to_world[6];
     /* The estimated numbers, in one allocation, so that a fold can start from a copy. */
+    struct rec_glass window[REC_MAX_CAMERAS]
+                           [REC_WINDOWS]; /* in camera axes, by the old rig's poses */
+    int32_t windows[REC_MAX_CAMERAS];
     double *state;
     size_t n_state;
     double *shape, (*lens)[REC_LENS], (*pose)[6], (*board)[6];
 };
+
+/* The camera's windows in its own axes; returns how many. */
+int32_t rec_calib_windows(const struct rec_camera *c, struct rec_glass out[REC_WINDOWS]);
+/* Windows of camera axes before the camera c, in its world. */
+void rec_calib_glaze(const struct rec_glass *w, int32_t n, struct rec_camera *c);
+/* Refuses a board that was held between a camera and its window.  After the last rec_calib_measure_all. */
+PVX_MUST_CHECK pvx_err rec_calib_beyond(const struct calib *k);
+
+/* Lens numbers x of a camera with its windows. */
+static inline struct rec_model rec_calib_model(const struct calib *k, size_t camera,
+                                               const double *x)
+{
+    return (struct rec_model){x, k->window[camera], k->windows[camera]};
+}
 
 /* ---- adjust.c ---- */
 struct adjust {

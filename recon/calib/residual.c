@@ -17,6 +17,7 @@ void rec_calib_point(const struct calib *k, const struct view *v, const struct s
 
 void rec_calib_measure(struct calib *k, const struct view *v, const double to_camera[6])
 {
+    const struct rec_model m = rec_calib_model(k, v->camera, k->lens[v->camera]);
     for (size_t i = v->first; i < v->first + v->n; i++) {
         struct seen *s = &k->seen[i];
         double X[3], Z[3], uv[2];
@@ -24,7 +25,7 @@ void rec_calib_measure(struct calib *k, const struct view *v, const double to_ca
         rec_model_move(to_camera, X, Z, NULL, NULL);
         s->far = INFINITY;
         s->r[0] = s->r[1] = 0;
-        if (!rec_model_project(k->lens[v->camera], Z, uv, NULL, NULL))
+        if (!rec_model_project(&m, Z, uv, NULL, NULL))
             continue;
         s->r[0] = s->u - uv[0];
         s->r[1] = s->v - uv[1];

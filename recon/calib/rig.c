@@ -44,6 +44,7 @@ pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig)
         if ((m->hold & REC_HOLD_POSE) == 0) {
             rec_rotation(k->pose[c], to->R);
             memcpy(to->t, k->pose[c] + 3, sizeof to->t);
+            rec_calib_glaze(k->window[c], k->windows[c], to);
         }
     }
     if (rig->grid.n[0] == 0 && rec_rig_finest(rig, 1, rig->grid.n) != PVX_OK)

@@ -69,11 +69,6 @@ static pvx_err take_check(const struct calib *k)
                             "%s: a %s in the old rig; boards give lenses with k1 k2 p1 p2 k3 "
                             "only: calibrate it with another program, and leave its pictures out",
                             m->name, rec_camera_model_name(in->options.old->cameras[old].model));
-        if (old >= 0 && in->options.old->cameras[old].n_windows > 0)
-            return pvx_fail(k->d, PVX_EUNSUP,
-                            "%s: it has windows in the old rig, and a calibration does not know "
-                            "glass: leave its pictures out",
-                            m->name);
         const double *dist = old >= 0 ? in->options.old->cameras[old].dist : NULL;
         if ((m->hold & REC_HOLD_LENS) != 0 && (dist[5] != 0 || dist[6] != 0 || dist[7] != 0))
             return pvx_fail(k->d, PVX_EINVAL,
@@ -285,8 +280,12 @@ pvx_err rec_calib_take(struct calib *k)
     bool thick = k->in->board.two_sided && isnan(k->in->board.thickness);
     k->shape_held = thick ? 0 : 1u << 3;
     k->shape[3] = isnan(k->in->board.thickness) ? 0 : k->in->board.thickness;
-    for (size_t c = 0; c < k->nc; c++)
+    for (size_t c = 0; c < k->nc; c++) {
+        const struct rec_rig *old = k->in->options.old;
+        int was = old != NULL ? rec_rig_find(old, k->in->camera[c].name) : -1;
         k->scale[c] = 1;
+        k->windows[c] = was >= 0 ? rec_calib_windows(&old->cameras[was], k->window[c]) : 0;
+    }
     drop_still(k);
     return PVX_OK;
 }

@@ -9,11 +9,10 @@ static double glass_dot(const double a[3], const double b[3])
 }
 
 /* S of (8) for the unit direction d.  False: d runs along a window, or away from the flame. */
-static bool glass_shift(const struct rec_camera *c, const double d[3], double S[3])
+static bool glass_shift(const struct rec_glass *w, int32_t n, const double d[3], double S[3])
 {
     S[0] = S[1] = S[2] = 0;
-    for (int32_t i = 0; i < c->n_windows; i++) {
-        const struct rec_glass *w = &c->window[i];
+    for (; n > 0; w++, n--) {
         double g = glass_dot(w->normal, d);
         if (!(g > 0))
             return false;
@@ -27,7 +26,7 @@ static bool glass_shift(const struct rec_camera *c, const double d[3], double S[
 bool rec_glass_pass(const struct rec_camera *c, double origin[3], const double dir[3])
 {
     double S[3], along = 0;
-    if (!glass_shift(c, dir, S))
+    if (!glass_shift(c->window, c->n_windows, dir, S))
         return false;
     for (int a = 0; a < 3; a++)
         origin[a] += S[a];
@@ -53,13 +52,12 @@ static bool glass_behind(const struct rec_camera *c, const double X[3])
 }
 
 /* A = d (Y + S(Y/|Y|)) / dY, row major. */
-static void glass_matrix(const struct rec_camera *c, const double Y[3], double A[9])
+static void glass_matrix(const struct rec_glass *w, int32_t n, const double Y[3], double A[9])
 {
     double y = sqrt(glass_dot(Y, Y));
     for (int i = 0; i < 9; i++)
         A[i] = i % 4 == 0;
-    for (int32_t i = 0; i < c->n_windows; i++) {
-        const struct rec_glass *w = &c->window[i];
+    for (; n > 0; w++, n--) {
         double g = glass_dot(w->normal, Y) / y, m = w->index * w->index - 1, q = sqrt(m + g * g);
         double slope = -w->thickness * m / (q * q * q * y);
         for (int r = 0; r < 3; r++)
@@ -82,10 +80,10 @@ static bool glass_invert(const double A[9], double out[9])
     return fabs(det) > 1e-12;
 }
 
-/* Solves Y + S(Y/|Y|) = W for what is left of the way once the shift is taken off.  Behind one plate the lateral part
+/* Behind one plate the lateral part
  * is a concave, rising function of the tangent of the angle, and the straight line starts below the root: Newton's steps
  * go up to it and never beyond.  For plates that are not parallel, steps that do not help are halved. */
-static bool glass_solve(const struct rec_camera *c, const double W[3], double Y[3])
+bool rec_glass_solve(const struct rec_glass *w, int32_t n, const double W[3], double Y[3])
 {
     double y = sqrt(glass_dot(W, W)), F[3], d[3], S[3], A[9], B[9], best = INFINITY, step[3] = {0};
     double from[3] = {W[0], W[1], W[2]}, share = 1;
@@ -96,7 +94,7 @@ static bool glass_solve(const struct rec_camera *c, const double W[3], double Y[
         y = sqrt(glass_dot(Y, Y));
         for (int a = 0; a < 3; a++)
             d[a] = Y[a] / y;
-        bool through = glass_shift(c, d, S);
+        bool through = glass_shift(w, n, d, S);
         for (int a = 0; a < 3; a++)
             F[a] = Y[a] + S[a] - W[a];
         double off = through ? sqrt(glass_dot(F, F)) : INFINITY;
@@ -111,7 +109,7 @@ static bool glass_solve(const struct rec_camera *c, const double W[3], double Y[
         }
         best = off;
         share = 1;
-        glass_matrix(c, Y, A);
+        glass_matrix(w, n, Y, A);
         if (off == 0 || !glass_invert(A, B))
             return off == 0;
         for (int a = 0; a < 3; a++) {
@@ -122,13 +120,20 @@ static bool glass_solve(const struct rec_camera *c, const double W[3], double Y[
     return best <= 1e-12 * reach;
 }
 
+bool rec_glass_inverse(const struct rec_glass *w, int32_t n, const double Y[3], double B[9])
+{
+    double A[9];
+    glass_matrix(w, n, Y, A);
+    return glass_invert(A, B);
+}
+
 bool rec_glass_apparent(const struct rec_camera *c, const double X[3], double P[3])
 {
     double centre[3], W[3], Y[3];
     if (!glass_behind(c, X))
         return false;
     if (c->model == REC_TELECENTRIC) {
-        if (!glass_shift(c, c->R + 6, Y))
+        if (!glass_shift(c->window, c->n_windows, c->R + 6, Y))
             return false;
         for (int a = 0; a < 3; a++)
             P[a] = X[a] - Y[a];
@@ -137,7 +142,7 @@ bool rec_glass_apparent(const struct rec_camera *c, const double X[3], double P[
     rec_camera_centre(c, centre);
     for (int a = 0; a < 3; a++)
         W[a] = X[a] - centre[a];
-    if (!glass_solve(c, W, Y))
+    if (!rec_glass_solve(c->window, c->n_windows, W, Y))
         return false;
     for (int a = 0; a < 3; a++)
         P[a] = centre[a] + Y[a];
@@ -146,12 +151,11 @@ bool rec_glass_apparent(const struct rec_camera *c, const double X[3], double P[
 
 bool rec_glass_slopes(const struct rec_camera *c, const double P[3], double D[6])
 {
-    double centre[3], Y[3], A[9], B[9], w[3], v[3];
+    double centre[3], Y[3], B[9], w[3], v[3];
     rec_camera_centre(c, centre);
     for (int a = 0; a < 3; a++)
         Y[a] = P[a] - centre[a];
-    glass_matrix(c, Y, A);
-    if (!glass_invert(A, B))
+    if (!rec_glass_inverse(c->window, c->n_windows, Y, B))
         return false;
     for (int r = 0; r < 2; r++) { /* D R A^-1 R^T */
         double *g = D + 3 * r;

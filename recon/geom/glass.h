@@ -13,6 +13,12 @@ bool rec_glass_pass(const struct rec_camera *c, double origin[3], const double d
 /* P = X - S of (8): where the camera seems to see X.  False: X is not behind all windows. */
 bool rec_glass_apparent(const struct rec_camera *c, const double X[3], double P[3]);
 
+/* Solves Y + S(Y/|Y|) = W, W from the camera's centre, for what is left of the way once the shift by n windows w is
+ * taken off; their places are not looked at.  False: there is no way through. */
+bool rec_glass_solve(const struct rec_glass *w, int32_t n, const double W[3], double Y[3]);
+/* B [3][3] = dY/dW there. */
+bool rec_glass_inverse(const struct rec_glass *w, int32_t n, const double Y[3], double B[9]);
+
 /* D [2][3], slopes by the camera axes of P, becomes those by the camera axes of X.  Not for a telecentric, whose S is
  * constant. */
 bool rec_glass_slopes(const struct rec_camera *c, const double P[3], double D[6]);

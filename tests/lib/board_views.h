@@ -5,6 +5,7 @@
 #include <stdbool.h>
 
 #include "recon/calib/priv.h"
+#include "tests/lib/optics.h"
 #include "tests/t.h"
 
 #define BV_CAMERAS 8
@@ -18,6 +19,8 @@ struct bv_camera {
     double glass;        /* px: a lens that is not of the model */
     uint32_t moved_from; /* frame from which it stands `moved` m further right */
     double moved;
+    struct optics_plate plate; /* that it looks through, if `plates` is 1 */
+    int plates;
 };
 
 struct bv_pose {
@@ -132,12 +135,37 @@ static inline struct bv_pose bv_anywhere(const struct bv *s)
     return bv_pose_at(s, at, look, t_uniform(-3, 3));
 }
 
+/* Where the camera sees X through its plate: rays are shot at it, each aimed by how far the last one missed. */
+static inline void bv_aim(const struct bv_camera *c, const double at[3], const double X[3],
+                          double aim[3])
+{
+    memcpy(aim, X, 3 * sizeof *aim);
+    for (int it = 0; it < 40 && c->plates > 0; it++) {
+        double o[3], d[3], along;
+        for (int i = 0; i < 3; i++) {
+            o[i] = at[i];
+            d[i] = aim[i] - at[i];
+        }
+        bv_unit(d);
+        if (!optics_plates(&c->plate, c->plates, o, d))
+            return;
+        along = bv_dot(d, X) - bv_dot(d, o);
+        for (int i = 0; i < 3; i++)
+            aim[i] += X[i] - (o[i] + along * d[i]);
+    }
+}
+
 static inline bool bv_project(const struct bv *s, const struct bv_camera *c, uint32_t frame,
                               const double X[3], double uv[2])
 {
-    double d[3];
+    double d[3], at[3], aim[3];
     for (int i = 0; i < 3; i++)
-        d[i] = X[i] - c->at[i] - (frame >= c->moved_from ? c->moved * c->right[i] : 0);
+        at[i] = c->at[i] + (frame >= c->moved_from ? c->moved * c->right[i] : 0);
+    bv_aim(c, at, X, aim);
+    for (int i = 0; i < 3; i++)
+        d[i] = c->plates > 0
+                   ? aim[i] - at[i]
+                   : X[i] - c->at[i] - (frame >= c->moved_from ? c->moved * c->right[i] : 0);
     double depth = bv_dot(d, c->forward);
     if (depth < 0.05)
         return false;
@@ -228,6 +256,11 @@ static inline void bv_truth(const struct bv *s, struct rec_camera cameras[BV_CAM
         r->t[0] = -bv_dot(c->right, c->at);
         r->t[1] = -bv_dot(c->down, c->at);
         r->t[2] = -bv_dot(c->forward, c->at);
+        r->n_windows = c->plates;
+        memcpy(r->window[0].normal, c->plate.n, sizeof c->plate.n);
+        r->window[0].at = c->plate.at;
+        r->window[0].thickness = c->plate.thickness;
+        r->window[0].index = c->plate.index;
     }
 }
 
