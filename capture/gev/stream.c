@@ -31,7 +31,8 @@ struct aravis_buffers {
     ArvStream *stream; /* used between cap_lend_run(true) and cap_lend_run(false) only */
     unsigned n;
     unsigned char *memory; /* of all buffers; buffer i at i * step */
-    size_t step;
+    size_t step,
+        reserved; /* reserved: bytes of memory from cap_source_memory; 0 = it is from the heap */
     ArvBuffer *buffer[]; /* [n], one reference each; user data: its index */
 };
 
@@ -52,11 +53,21 @@ static void stream_free_buffers(void *ctx)
     struct aravis_buffers *bs = ctx;
     for (unsigned i = 0; i < bs->n; i++)
         g_object_unref(bs->buffer[i]);
-    free(bs->memory);
+    if (bs->reserved > 0)
+        pvx_unreserve(bs->memory, bs->reserved);
+    else
+        free(bs->memory);
     free(bs);
 }
 
-static const struct cap_lend_ops lend_ops = {stream_queue, stream_free_buffers};
+static void stream_unused(void *ctx, unsigned index)
+{
+    struct aravis_buffers *bs = ctx;
+    if (bs->reserved > 0)
+        pvx_discard(bs->memory + index * bs->step, bs->step);
+}
+
+static const struct cap_lend_ops lend_ops = {stream_queue, stream_free_buffers, stream_unused};
 
 pvx_err aravis_make_buffers(struct aravis_source *s)
 {
@@ -66,8 +77,10 @@ pvx_err aravis_make_buffers(struct aravis_source *s)
         return PVX_EINVAL;
     struct aravis_buffers *bs = pvx_calloc(1, sizeof *bs + n * sizeof bs->buffer[0]);
     PVX_NEED(bs);
-    bs->step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
-    bs->memory = pvx_calloc(n, bs->step);
+    size_t align = s->c.held > 0 ? PVX_PAGE : PVX_ALIGN;
+    bs->step = (bytes + align - 1) & ~(align - 1);
+    bs->reserved = s->c.held > 0 ? n * bs->step : 0;
+    bs->memory = s->c.held > 0 ? cap_source_memory(&s->c, bs->reserved) : pvx_calloc(n, bs->step);
     pvx_err e = bs->memory == NULL ? PVX_ENOMEM
                                    : cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend);
     if (e != PVX_OK) {
@@ -78,7 +91,6 @@ pvx_err aravis_make_buffers(struct aravis_source *s)
         bs->buffer[bs->n] = arv_buffer_new_full(bytes, bs->memory + bs->n * bs->step,
                                                 GUINT_TO_POINTER(bs->n), NULL);
     s->buffers = bs;
-    cap_source_lock(&s->c, bs->memory, n * bs->step);
     return PVX_OK;
 }
 

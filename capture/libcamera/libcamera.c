@@ -185,7 +185,7 @@ static void libcamera_destroy(void *ctx)
     free(b);
 }
 
-static const struct cap_lend_ops lend_ops = {libcamera_requeue, libcamera_destroy};
+static const struct cap_lend_ops lend_ops = {libcamera_requeue, libcamera_destroy, NULL};
 
 /* Takes ownership of the memory. */
 static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *memory,
@@ -211,9 +211,7 @@ static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *me
     size_t bytes = cap_pixfmt_image(s->fmt, s->layout.mode.width, s->layout.mode.height);
     if (s->layout.frame_bytes > bytes)
         bytes = s->layout.frame_bytes;
-    PVX_TRY(cap_bufpool_new(want, bytes, s->c.camera, &s->pool));
-    cap_bufpool_lock(s->pool, &s->c);
-    return PVX_OK;
+    return cap_bufpool_of(&s->c, want, bytes, &s->pool);
 }
 
 /* ---- libcamera's thread ------------------------------------------------------------------------- */

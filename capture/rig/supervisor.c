@@ -111,6 +111,7 @@ static pvx_err supervisor_open_source(struct cap_camera *cam, cap_source **src, 
 {
     const struct cap_source_ops *ops = cam->ops;
     pvx_err opened = ops->open(&cam->cfg, src, d);
+    cam->cfg.again |= opened == PVX_OK;
     wait_for_recorded(cam);
     cap_intake_restart(cam);
     PVX_TRY(opened);

@@ -19,8 +19,9 @@ struct cap_bufpool {
     struct slot *free;
     unsigned n, n_free;
     bool canceled, orphan; /* orphan: the source has dropped its reference */
+    bool held;             /* pixels: of cap_source_memory */
     uint32_t camera;
-    size_t bytes;
+    size_t bytes, step; /* of a frame; from one to the next */
     struct slot *slots;
     unsigned char *pixels;
 };
@@ -29,7 +30,10 @@ static void bufpool_destroy(cap_bufpool *p)
 {
     pthread_mutex_destroy(&p->lock);
     pthread_cond_destroy(&p->freed);
-    free(p->pixels);
+    if (p->held)
+        pvx_unreserve(p->pixels, p->n * p->step);
+    else
+        free(p->pixels);
     free(p->slots);
     free(p);
 }
@@ -43,25 +47,30 @@ static void put_back(struct cap_frame *f)
     p->free = s;
     p->n_free++;
     bool last = p->orphan && p->n_free == p->n;
+    if (p->orphan && p->held)
+        pvx_discard(s->mem, p->step);
     pthread_cond_signal(&p->freed);
     pthread_mutex_unlock(&p->lock);
     if (last)
         bufpool_destroy(p);
 }
 
-pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool **out)
+/* c NULL: no frame is kept for long. */
+static pvx_err bufpool_make(const struct cap_source_config *c, unsigned n, size_t bytes,
+                            uint32_t camera, cap_bufpool **out)
 {
     *out = NULL;
     if (n < 1 || n > CAP_BUFFERS_MAX || bytes == 0 || bytes > (size_t)1 << 32)
         return PVX_EINVAL;
-    size_t step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
+    size_t align = c != NULL ? PVX_PAGE : PVX_ALIGN, step = (bytes + align - 1) & ~(align - 1);
     cap_bufpool *p = pvx_calloc(1, sizeof *p);
     PVX_NEED(p);
     p->slots = pvx_calloc(n, sizeof *p->slots);
-    p->pixels = pvx_calloc(n, step);
-    if (p->slots == NULL || p->pixels == NULL) {
+    p->pixels = p->slots == NULL ? NULL
+                : c != NULL      ? cap_source_memory(c, n * step)
+                                 : pvx_calloc(n, step);
+    if (p->pixels == NULL) {
         free(p->slots);
-        free(p->pixels);
         free(p);
         return PVX_ENOMEM;
     }
@@ -69,6 +78,8 @@ pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool *
     pthread_cond_init(&p->freed, NULL);
     p->n = p->n_free = n;
     p->bytes = bytes;
+    p->step = step;
+    p->held = c != NULL;
     p->camera = camera;
     for (unsigned i = n; i-- > 0;) {
         struct slot *s = &p->slots[i];
@@ -79,6 +90,17 @@ pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool *
     }
     *out = p;
     return PVX_OK;
+}
+
+pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool **out)
+{
+    return bufpool_make(NULL, n, bytes, camera, out);
+}
+
+pvx_err cap_bufpool_of(const struct cap_source_config *c, unsigned n, size_t bytes,
+                       cap_bufpool **out)
+{
+    return bufpool_make(c->held > 0 ? c : NULL, n, bytes, c->camera, out);
 }
 
 /* Under the lock, with the free list not empty. */
@@ -137,12 +159,6 @@ void *cap_bufpool_memory(const struct cap_frame *f)
     return ((const struct slot *)f)->mem;
 }
 
-void cap_bufpool_lock(const cap_bufpool *p, const struct cap_source_config *c)
-{
-    size_t step = (p->bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
-    cap_source_lock(c, p->pixels, p->n * step);
-}
-
 size_t cap_bufpool_bytes(const cap_bufpool *p)
 {
     return p->bytes;
@@ -157,6 +173,8 @@ void cap_bufpool_unref(cap_bufpool **pp)
     pthread_mutex_lock(&p->lock);
     p->orphan = true;
     bool last = p->n_free == p->n;
+    for (struct slot *s = p->free; p->held && s != NULL; s = s->next)
+        pvx_discard(s->mem, p->step);
     pthread_mutex_unlock(&p->lock);
     if (last)
         bufpool_destroy(p);

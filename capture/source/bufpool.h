@@ -16,6 +16,9 @@ typedef struct cap_bufpool cap_bufpool;
  * Errors: PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera,
                                        cap_bufpool **out);
+/* The pool of a source, with memory as cap_source_memory says if c->held > 0. */
+PVX_MUST_CHECK pvx_err cap_bufpool_of(const struct cap_source_config *c, unsigned n, size_t bytes,
+                                      cap_bufpool **out);
 /* A free frame.  NULL: none is free (the caller counts an underrun). */
 struct cap_frame *cap_bufpool_get(cap_bufpool *p);
 /* The same, but waits until one is free.  NULL only after cap_bufpool_cancel. */
@@ -26,8 +29,6 @@ void cap_bufpool_resume(cap_bufpool *p);
 
 /* A frame's pixel memory, writable (img.data is the const view of it). */
 void *cap_bufpool_memory(const struct cap_frame *f);
-/* As cap_source_lock, for all frames of the pool. */
-void cap_bufpool_lock(const cap_bufpool *p, const struct cap_source_config *c);
 size_t cap_bufpool_bytes(const cap_bufpool *p); /* per frame */
 
 /* Drop the source's reference.  The memory is freed when the last frame in use is released. */

@@ -42,6 +42,13 @@ static void lend_requeue(cap_lend *l, struct slot *s)
     s->refused = refused;
 }
 
+/* Under the lock. */
+static void lend_unused(cap_lend *l, const struct slot *s)
+{
+    if (l->closed && !s->out && l->ops.unused != NULL)
+        l->ops.unused(l->ctx, (unsigned)(s - l->slot));
+}
+
 static void lend_release(struct cap_frame *f)
 {
     struct slot *s = (struct slot *)f;
@@ -50,6 +57,7 @@ static void lend_release(struct cap_frame *f)
     s->out = false;
     l->n_out--;
     lend_requeue(l, s);
+    lend_unused(l, s);
     bool last = l->closed && l->n_out == 0;
     pthread_mutex_unlock(&l->lock);
     if (last)
@@ -147,6 +155,8 @@ void cap_lend_close(cap_lend **lp)
     pthread_mutex_lock(&l->lock);
     l->running = false;
     l->closed = true;
+    for (unsigned i = 0; i < l->n; i++)
+        lend_unused(l, &l->slot[i]);
     bool last = l->n_out == 0;
     pthread_mutex_unlock(&l->lock);
     if (last)

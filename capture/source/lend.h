@@ -24,6 +24,8 @@ struct cap_lend_ops {
      * run(false).  False = the driver refused it; cap_lend_retry tries again. */
     bool (*requeue)(void *ctx, unsigned index);
     void (*destroy)(void *ctx); /* unmap and free; no frame is lent any more */
+    /* The source is closed, and buffer `index` will not be used again, while others are still lent.  May be NULL. */
+    void (*unused)(void *ctx, unsigned index);
 };
 
 /* n (1..CAP_BUFFERS_MAX + spare) buffers, at least spare + 1.  ctx must live until destroy().

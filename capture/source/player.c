@@ -16,9 +16,7 @@ void cap_player_init(struct cap_player *p, const struct cap_source_config *c, cl
 pvx_err cap_player_make_pool(struct cap_player *p, const struct cap_source_config *c, size_t bytes)
 {
     unsigned n = c->buffers < FRAMES_MIN ? FRAMES_MIN : c->buffers;
-    PVX_TRY(cap_bufpool_new(n, bytes, p->camera, &p->pool));
-    cap_bufpool_lock(p->pool, c);
-    return PVX_OK;
+    return cap_bufpool_of(c, n, bytes, &p->pool);
 }
 
 pvx_err cap_player_start(struct cap_player *p, const char *scheme, const struct cap_sink *sink,

@@ -6,6 +6,7 @@
 #include <sys/mman.h>
 
 #include "base/log.h"
+#include "base/mem.h"
 
 #define ROW(number, ...) [number] = {__VA_ARGS__},
 const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {CAP_COUNTS(ROW)};
@@ -19,12 +20,17 @@ void cap_frame_release(struct cap_frame *f)
         f->release(f);
 }
 
-void cap_source_lock(const struct cap_source_config *c, const void *mem, size_t bytes)
+void *cap_source_memory(const struct cap_source_config *c, size_t bytes)
 {
-    if (c->held == 0 || mlock(mem, bytes) == 0)
-        return;
-    LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "not_locked", .camera = c->name),
-              "camera %s: its %.0f MB of frames may be swapped out: %s; raise the limit of locked "
-              "memory (`ulimit -l`, systemd's LimitMEMLOCK=)",
-              c->name, (double)bytes * 1e-6, strerror(errno));
+    void *mem = pvx_reserve(bytes);
+    if (mem == NULL)
+        return NULL;
+    if (mlock2(mem, bytes, MLOCK_ONFAULT) != 0 && !c->again)
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "not_locked", .camera = c->name),
+                  "camera %s: its %.0f MB of frames may be swapped out: %s; raise the limit of "
+                  "locked memory (`ulimit -l`, systemd's LimitMEMLOCK=)",
+                  c->name, (double)bytes * 1e-6, strerror(errno));
+    if (!c->again)
+        memset(mem, 0, bytes);
+    return mem;
 }

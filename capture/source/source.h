@@ -136,9 +136,9 @@ struct cap_source_config {
     double ptp_offset_us;          /* largest offset from the master; 0 = 10 */
     bool chunks;                   /* exposure and gain of each frame in its data */
     unsigned buffers;              /* frames in the pool, 4..CAP_BUFFERS_MAX */
-    unsigned
-        held; /* of these, frames that a receiver beside the consumer keeps for long (take/ring.h).  If there
-                         are any, all frame memory is locked, if that is permitted */
+    /* Of these, frames that a receiver beside the consumer keeps for long (take/ring.h); cap_source_memory. */
+    unsigned held;
+    bool again; /* the camera was open before; frames of that time may still be kept */
     struct cap_gige gige;
     double exposure_us, gain; /* < 0 = leave */
     /* GenICam features, V4L2 or libcamera controls: set at opening and read back */
@@ -149,8 +149,12 @@ struct cap_source_config {
     const struct cap_scene *scene; /* sim: */
 };
 
-/* Lock the frames' memory if c->held says so.  If it is not permitted, a line of the log gives the remedy. */
-void cap_source_lock(const struct cap_source_config *c, const void *mem, size_t bytes);
+/* Memory for the frames of a source of which a receiver keeps many (c->held > 0): reserved pages (base/mem.h), locked as
+ * they are touched.  If that is not permitted, a line of the log gives the remedy.  They are touched here.  When the
+ * camera is opened again, its earlier frames are still kept, so pages are touched only as those leave.  A frame that
+ * will not be used again discards its pages (pvx_discard).  So however often a camera is opened, there is memory for
+ * c->buffers frames.  NULL: out of memory.  Release: pvx_unreserve. */
+void *cap_source_memory(const struct cap_source_config *c, size_t bytes);
 
 /* Errors and lines of the log that begin with "camera NAME (SCHEME:URI): ". */
 #define CAP_FAIL(c, scheme, d, e, fmt, ...) \

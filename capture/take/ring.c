@@ -84,6 +84,7 @@ struct cap_ring {
     uint64_t fed;            /* frames handed to the recorder for it */
     uint64_t cursor, passed; /* next item; the first that was too late for it, UINT64_MAX = none */
     bool stopping, running;
+    bool larger; /* it has been said that sets are larger than counted; the tap's */
     pthread_t thread;
     struct cap_ring_stats stats;
 
@@ -343,11 +344,24 @@ static uint64_t bytes_of_set(const struct cap_set *s, uint32_t n)
     return bytes;
 }
 
+static void say_larger(cap_ring *r, const struct item *it)
+{
+    if (r->larger || r->cfg.set_bytes == 0 || it->bytes <= r->cfg.set_bytes)
+        return;
+    r->larger = true;
+    LOG_W(
+        CAPTURE,
+        "record.ring: a set has %.1f MB, and %.1f were counted for its memory: it takes more than "
+        "it may; name pixel_format",
+        (double)it->bytes * 1e-6, (double)r->cfg.set_bytes * 1e-6);
+}
+
 static void ring_tap_set(void *ctx, struct cap_set *s)
 {
     cap_ring *r = ctx;
     const struct item it = {
         .set = s, .t_ns = s->t_exposure_ns, .bytes = bytes_of_set(s, r->cfg.n_cameras)};
+    say_larger(r, &it);
     pthread_mutex_lock(&r->lock);
     for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
         if (s->frame[c] != NULL)

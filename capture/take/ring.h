@@ -34,9 +34,10 @@ const char *cap_ring_why_name(enum cap_ring_why why);
 
 struct cap_ring_config {
     uint32_t n_cameras;
-    uint32_t frames;                       /* of each camera, at most */
-    uint64_t bytes;                        /* of pixels in all, at most */
-    double fps;                            /* nominal, > 0 */
+    uint32_t frames;    /* of each camera, at most */
+    uint64_t bytes;     /* of pixels in all, at most */
+    uint64_t set_bytes; /* of a whole set, as it was counted for the bound; 0 = not known */
+    double fps;         /* nominal, > 0 */
     uint64_t limit_bytes, keep_free_bytes; /* as in cap_recorder_config */
     int64_t sync_ns;
     struct cap_tap next; /* gets the same frames; its functions may be NULL */

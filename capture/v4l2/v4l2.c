@@ -110,7 +110,7 @@ static void v4l2_free_buffers(void *ctx)
     free(bs);
 }
 
-static const struct cap_lend_ops lend_ops = {queue_buffer, v4l2_free_buffers};
+static const struct cap_lend_ops lend_ops = {queue_buffer, v4l2_free_buffers, NULL};
 
 static pvx_err map_buffer(struct source *s, struct buffers *bs, struct pvx_diag *d)
 {
@@ -171,9 +171,7 @@ static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
     size_t most = 0;
     for (unsigned i = 0; i < n; i++)
         most = bs->at[i].bytes > most ? bs->at[i].bytes : most;
-    PVX_TRY(cap_bufpool_new(want, most, s->c.camera, &s->pool));
-    cap_bufpool_lock(s->pool, &s->c);
-    return PVX_OK;
+    return cap_bufpool_of(&s->c, want, most, &s->pool);
 }
 
 /* ---- the camera's thread ---------------------------------------------------------------------- */

@@ -29,6 +29,12 @@ void *pvx_reserve(size_t bytes)
     return p == MAP_FAILED ? NULL : p;
 }
 
+void pvx_discard(void *p, size_t bytes)
+{
+    munlock(p, bytes); /* locked pages cannot be given back */
+    madvise(p, bytes, MADV_DONTNEED);
+}
+
 void pvx_unreserve(void *p, size_t bytes)
 {
     if (p != NULL)

@@ -16,6 +16,10 @@ void *pvx_calloc(size_t n, size_t size);
 /* Reserve `bytes` (rounded up to pages); NULL on failure.  Release with the same size. */
 void *pvx_reserve(size_t bytes);
 void pvx_unreserve(void *p, size_t bytes);
+/* Gives the memory of whole reserved pages back, locked or not.  They stay reserved, and are zero when they are touched
+ * again.  p and bytes: multiples of PVX_PAGE. */
+#define PVX_PAGE 4096
+void pvx_discard(void *p, size_t bytes);
 
 /* free(*p); *p = NULL, for any object pointer. */
 #define PVX_FREE(p) \

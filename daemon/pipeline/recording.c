@@ -246,6 +246,7 @@ static pvx_err ring_make(dmn_recording *r, const struct dmn_config *c, const str
     const struct cap_ring_config k = {.n_cameras = (uint32_t)rig->n_cameras,
                                       .frames = frames,
                                       .bytes = (uint64_t)c->ring.memory,
+                                      .set_bytes = (uint64_t)bytes_of_cameras(c, rig),
                                       .fps = c->fps,
                                       .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
                                       .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),

@@ -7,6 +7,8 @@ port=$("$py" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); p
 config a.yaml <<< "cameras: \"sim:\"
 fps: 40
 shared_clock: true
+record: {keep_free_gb: 0, ring: {seconds: 3, memory: 500MB}}
+triggers: [{name: a, when: light, above: 1e-4}, {name: b}]
 metrics: {endpoint: \"127.0.0.1:$port\"}"
 start a.log "$pyrovoxd" --config "$dir/a.yaml"
 daemon=$started

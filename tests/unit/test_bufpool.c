@@ -2,6 +2,7 @@
 #include "../t.h"
 
 #include <pthread.h>
+#include <sys/mman.h>
 
 #include "capture/rig/backends.h"
 #include "capture/source/bufpool.h"
@@ -112,4 +113,56 @@ T_CASE(backends_are_found_by_scheme)
     T_OK(cap_backend_find("nosuch:x", &rest) == NULL);
     T_OK(cap_backend_find("simx", &rest) == NULL);
     T_OK(cap_backend_find("", &rest) == NULL);
+}
+
+/* How many frames' pages are in memory. */
+static int resident(unsigned char *const mem[], int n)
+{
+    int is = 0;
+    for (int i = 0; i < n; i++) {
+        unsigned char page = 0;
+        T_EQ_I(mincore(mem[i], 4096, &page), 0);
+        is += page & 1;
+    }
+    return is;
+}
+
+/* A camera that is opened again while its frames are kept: of its earlier memory only that of these frames stays, and the
+ * new memory comes as it is used. */
+T_CASE(what_is_kept_for_long_is_all_that_stays)
+{
+    enum { N = 8 };
+    struct cap_source_config c = {.name = "cam0", .camera = 3, .held = 4};
+    struct cap_frame *f[N];
+    unsigned char *mem[N];
+    cap_bufpool *p, *next;
+    T_EQ_I(cap_bufpool_of(&c, N, 5000, &p), PVX_OK);
+    for (int i = 0; i < N; i++) {
+        f[i] = cap_bufpool_get(p);
+        T_OK(f[i] != NULL);
+        T_EQ_I(f[i]->camera, 3);
+        mem[i] = cap_bufpool_memory(f[i]);
+        T_EQ_I((uintptr_t)mem[i] % 4096, 0);
+    }
+    T_EQ_I(resident(mem, N), N); /* touched at the start */
+    for (int i = 0; i < N; i++)
+        memset(mem[i], 7, 5000);
+    for (int i = 4; i < N; i++)
+        cap_frame_release(f[i]);
+    cap_bufpool_unref(&p);
+    T_EQ_I(resident(mem, N), 4);
+    cap_frame_release(f[3]);
+    T_EQ_I(resident(mem, N), 3);
+    T_EQ_I(mem[0][4999], 7);
+    c.again = true;
+    T_EQ_I(cap_bufpool_of(&c, N, 5000, &next), PVX_OK);
+    struct cap_frame *g = cap_bufpool_get(next);
+    unsigned char *fresh = cap_bufpool_memory(g);
+    T_EQ_I(resident(&fresh, 1), 0);
+    fresh[0] = 1;
+    T_EQ_I(resident(&fresh, 1), 1);
+    cap_frame_release(g);
+    cap_bufpool_unref(&next);
+    for (int i = 0; i < 3; i++)
+        cap_frame_release(f[i]);
 }

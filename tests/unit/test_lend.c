@@ -10,7 +10,7 @@
 struct driver {
     pthread_mutex_t lock;
     int queued[N]; /* times in the driver's queue: 0 or 1 */
-    int n_queued, refuse, destroyed;
+    int n_queued, refuse, destroyed, unused[N];
 };
 
 static bool requeue(void *ctx, unsigned i)
@@ -33,7 +33,12 @@ static void destroy(void *ctx)
     ((struct driver *)ctx)->destroyed++;
 }
 
-static const struct cap_lend_ops ops = {requeue, destroy};
+static void unused(void *ctx, unsigned i)
+{
+    ((struct driver *)ctx)->unused[i]++;
+}
+
+static const struct cap_lend_ops ops = {requeue, destroy, unused};
 
 static struct driver driver(void)
 {
@@ -218,4 +223,26 @@ T_CASE(releases_race_with_stop_and_close)
     pthread_join(t, NULL);
     for (int round = 0; round < 20; round++)
         T_EQ_I(d[round].destroyed, 1);
+}
+
+/* A closed source's buffers are called unused, once each: at once, or when their frame is released. */
+T_CASE(closed_buffers_are_unused_once)
+{
+    struct driver d = driver();
+    cap_lend *l = lend(&d, 0);
+    cap_lend_run(l, true);
+    fill(&d, 1);
+    fill(&d, 4);
+    struct cap_frame *a = cap_lend_out(l, 1), *b = cap_lend_out(l, 4);
+    T_OK(a != NULL && b != NULL);
+    cap_lend_run(l, false);
+    cap_lend_close(&l);
+    for (int i = 0; i < N; i++)
+        T_EQ_I(d.unused[i], i != 1 && i != 4);
+    cap_frame_release(b);
+    T_EQ_I(d.unused[4], 1);
+    T_EQ_I(d.unused[1], 0);
+    cap_frame_release(a);
+    T_EQ_I(d.unused[1], 1);
+    T_EQ_I(d.destroyed, 1);
 }
