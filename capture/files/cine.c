@@ -509,6 +509,7 @@ static pvx_err cine_exposure(struct cine *c, struct pvx_diag *d)
     uint8_t *exposure;
     uint64_t n = c->count;
     uint32_t least = UINT32_MAX, most = 0;
+    c->r->exposure_s[0] = c->r->exposure_s[1] = cine_setup(c, SETUP_SHUTTER_NS) * 1e-9;
     if (c->exposures == 0)
         return PVX_OK;
     PVX_TRY(cine_array(c, c->exposures, 4, &exposure, &n, d));
@@ -518,6 +519,8 @@ static pvx_err cine_exposure(struct cine *c, struct pvx_diag *d)
         most = v > most ? v : most;
     }
     free(exposure);
+    c->r->exposure_s[0] = least * 0x1p-32;
+    c->r->exposure_s[1] = most * 0x1p-32;
     return most <= least * VARIES
                ? PVX_OK
                : cap_said_add(&c->r->said,

@@ -47,6 +47,8 @@ enum mraw_key {
     PROCESSED,
     GAMMA,
     SIGN,
+    SHUTTER,
+    SHUTTER_NS,
     KEYS
 };
 
@@ -71,6 +73,8 @@ static const struct {
     [PROCESSED] = {"", "imageDataInfo/applyImageProc"},
     [GAMMA] = {"Pre LUT Gamma", ""},
     [SIGN] = {"Pre LUT PosiNega", ""},
+    [SHUTTER] = {"Shutter Speed(s)", "recordInfo/shutterSpeed"},
+    [SHUTTER_NS] = {"Shutter Type2(nsec)", "recordInfo/shutterSpeedNsec"},
 };
 
 /* ---- the header ------------------------------------------------------------------------------- */
@@ -188,20 +192,23 @@ static pvx_err mraw_colours(const struct mraw *m, struct pvx_diag *d)
 {
     struct cap_raw *r = m->r;
     char type[WORD], pattern[WORD];
+    int64_t bits;
+    PVX_TRY(mraw_whole(m, BITS, 1, 1024, NAN, &bits, d));
     if (!mraw_value(m, COLOUR, type))
         return pvx_fail(d, PVX_EFORMAT, "%s: does not say %s", m->name, mraw_key_name(m, COLOUR));
     if (strcasecmp(type, "Mono") == 0)
         return PVX_OK;
-    if (strcasecmp(type, "Color") == 0)
+    bool colour = strcasecmp(type, "Color") == 0;
+    if (colour && bits > 16)
         return pvx_fail(d, PVX_EUNSUP,
-                        "%s: its colours are interpolated (%s is %s), and so not as the sensor saw "
-                        "them: save it as MRAW of the type Bayer (raw)",
-                        m->name, mraw_key_name(m, COLOUR), type);
-    if (strncasecmp(type, "Bayer", 5) != 0)
+                        "%s: its colours are interpolated (%s is %s, of %d bits), and so not as "
+                        "the sensor saw them: save it as raw (Bayer) pictures",
+                        m->name, mraw_key_name(m, COLOUR), type, (int)bits);
+    if (!colour && strncasecmp(type, "Bayer", 5) != 0)
         return pvx_fail(d, PVX_EUNSUP, "%s: %s is \"%s\"; Mono and Bayer are read", m->name,
                         mraw_key_name(m, COLOUR), type);
     if (!mraw_value(m, PATTERN, pattern) || strlen(pattern) != 4) {
-        r->filter = true;
+        r->filter = true; /* one sample in a pixel of a colour camera */
         return PVX_OK;
     }
     for (int i = 0; i < 4; i++)
@@ -266,8 +273,8 @@ static pvx_err mraw_pixels(const struct mraw *m, struct pvx_diag *d)
                         m->name, format);
     PVX_TRY(mraw_whole(m, WIDTH, 1, INT32_MAX, NAN, &w, d));
     PVX_TRY(mraw_whole(m, HEIGHT, 1, INT32_MAX, NAN, &h, d));
-    PVX_TRY(mraw_samples(m, d));
     PVX_TRY(mraw_colours(m, d));
+    PVX_TRY(mraw_samples(m, d));
     PVX_TRY(mraw_processed(m, d));
     if (w > CAP_SIDE_MAX || h > CAP_SIDE_MAX)
         return pvx_fail(d, PVX_ERANGE, "%s: %lldx%lld pixels; at most %d each way are read",
@@ -309,6 +316,19 @@ static pvx_err mraw_say(const struct mraw *m, int64_t total, int64_t step, doubl
     return PVX_OK;
 }
 
+/* Seconds: a fraction as 1/800000, or seconds, in .cih; what is below 1 in .cihx.  0: not known. */
+static double mraw_exposure(const struct mraw *m)
+{
+    char text[WORD], *end;
+    double v = mraw_value(m, SHUTTER_NS, text) ? strtod(text, NULL) * 1e-9 : 0;
+    if (v > 0 || !mraw_value(m, SHUTTER, text))
+        return v > 0 ? v : 0;
+    v = strtod(text, &end);
+    double below = *end == '/' ? strtod(end + 1, NULL) : 1;
+    v = m->xml ? 1 / v : v / below;
+    return isfinite(v) && v > 0 ? v : 0;
+}
+
 static pvx_err mraw_frames(const struct mraw *m, struct pvx_diag *d)
 {
     struct cap_raw *r = m->r;
@@ -344,6 +364,7 @@ static pvx_err mraw_frames(const struct mraw *m, struct pvx_diag *d)
                             (long long)number, rate);
         r->frame[r->n] = (struct cap_raw_frame){r->n * r->frame_bytes, llround(t), (int32_t)number};
     }
+    r->exposure_s[0] = r->exposure_s[1] = mraw_exposure(m);
     return mraw_say(m, total, step, rate);
 }
 

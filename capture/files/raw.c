@@ -184,11 +184,35 @@ void cap_raw_close(struct cap_raw *r)
 
 /* ---- frames ----------------------------------------------------------------------------------- */
 
-/* Samples of `bits` bits, 9 to 16, from bit `at` on, the highest bit first. */
+/* n pairs of 12 bits in 3 bytes, and n fours of 10 bits in 5. */
+static void raw_pairs(const uint8_t *restrict p, int32_t n, uint16_t *restrict out)
+{
+    for (int32_t i = 0; i < n; i++, p += 3, out += 2) {
+        out[0] = (uint16_t)(p[0] << 4 | p[1] >> 4);
+        out[1] = (uint16_t)((p[1] & 15) << 8 | p[2]);
+    }
+}
+
+static void raw_fours(const uint8_t *restrict p, int32_t n, uint16_t *restrict out)
+{
+    for (int32_t i = 0; i < n; i++, p += 5, out += 4) {
+        out[0] = (uint16_t)(p[0] << 2 | p[1] >> 6);
+        out[1] = (uint16_t)((p[1] & 63) << 4 | p[2] >> 4);
+        out[2] = (uint16_t)((p[2] & 15) << 6 | p[3] >> 2);
+        out[3] = (uint16_t)((p[3] & 3) << 8 | p[4]);
+    }
+}
+
+/* Samples of 10 or 12 bits from bit `at` on, the highest bit first. */
 static void raw_packed(const uint8_t *in, uint64_t at, unsigned bits, int32_t n, uint16_t *out)
 {
     const uint32_t mask = (1u << bits) - 1;
-    for (int32_t x = 0; x < n; x++, at += bits) {
+    int32_t x = at % 8 != 0 ? 0 : bits == 12 ? n / 2 * 2 : n / 4 * 4; /* whole groups */
+    if (x > 0 && bits == 12)
+        raw_pairs(in + at / 8, x / 2, out);
+    else if (x > 0)
+        raw_fours(in + at / 8, x / 4, out);
+    for (at += (uint64_t)x * bits; x < n; x++, at += bits) {
         const uint8_t *p = in + at / 8;
         uint32_t v = (uint32_t)p[0] << 16 | (uint32_t)p[1] << 8 | p[2];
         out[x] = (uint16_t)(v >> (24 - at % 8 - bits) & mask);

@@ -45,6 +45,7 @@ struct cap_raw {
     const uint16_t *table; /* of CAP_RAW_10_TABLE, borrowed */
     size_t n;
     struct cap_raw_frame *frame; /* [n] times ascend */
+    double exposure_s[2];        /* the shortest and the longest; 0: not known */
     char *said;                  /* as in said.h */
 
     /* raw.c */

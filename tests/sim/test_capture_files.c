@@ -5,6 +5,7 @@
 #include "capture/files/imgio.h"
 #include "tests/lib/avi.h"
 #include "tests/lib/plugins.h"
+#include "tests/lib/raw_file.h"
 #include "tests/lib/scratch.h"
 
 #define N 4
@@ -481,6 +482,66 @@ T_CASE(cameras_begin_together)
     opens("cam2", "cam3", "none is of one instant");
     write_image(3, 2, "npy", W);
     opens("cam2", "cam3", "");
+    scratch_remove();
+}
+
+/* Image number and camera, of a recording whose first image is -3 or -1. */
+static unsigned of_image(int k, int x, int y)
+{
+    return (unsigned)(k * 100 + y * 10 + x);
+}
+
+/* Two makes with one trigger: images of one instant go together, and the times before the trigger are times. */
+T_CASE(high_speed_cameras_meet_at_their_trigger)
+{
+    begin();
+    struct cine_file c = {.w = W,
+                          .h = H,
+                          .n = 6,
+                          .first = -3,
+                          .bits = 12,
+                          .version = 1,
+                          .trigger = 1700000000ull << 32,
+                          .begin = (1700000000ull << 32) - 3 * ((1ull << 32) / 50000),
+                          .step = (1ull << 32) / 50000,
+                          .tag = 1002,
+                          .sample = of_image};
+    cine_save(at("cam0.cine"), &c);
+    mraw_save(at("cam1.mraw"), of_image, W, H, 6, 16);
+    FILE *f = fopen(at("cam1.cih"), "w");
+    T_OK(f != NULL);
+    fprintf(f,
+            "Record Rate(fps) : 50000\nTotal Frame : 6\nStart Frame : -1\nImage Width : %d\n"
+            "Image Height : %d\nColor Type : Mono\nColor Bit : 16\nEffectiveBit Depth : 12\n"
+            "EffectiveBit Side : Lower\nEND\n",
+            W, H);
+    fclose(f);
+    cameras(2, true);
+    r.cfg.fps = 50000;
+    for (int i = 0; i < 2; i++) {
+        snprintf(r.uri[i], sizeof r.uri[i], "files:%s/cam%d.%s", dir, i, i == 0 ? "cine" : "mraw");
+        r.cam[i].fmt = CAP_FMT_NONE;
+        r.cam[i].fps = 0;
+    }
+    rig_start(&r);
+    struct cap_set *s;
+    int k = 0;
+    for (; next(&s) == PVX_OK; k++) {
+        T_EQ_I(s->frame[0] != NULL, k < 6);
+        T_EQ_I(s->frame[1] != NULL, k >= 2);
+        for (int i = 0; i < 2; i++) {
+            uint16_t v;
+            if (s->frame[i] == NULL)
+                continue;
+            memcpy(&v, s->frame[i]->img.data, 2);
+            T_EQ_I(s->frame[i]->img.fmt, CAP_GREY12);
+            T_EQ_I(v, (k - 2 * i) * 100);
+            T_NEAR(s->frame[i]->t_device_ns, PVX_NS_PER_S + k * 20000, 3);
+        }
+        cap_set_release(s);
+    }
+    T_EQ_I(k, 8);
+    rig_end(&r);
     scratch_remove();
 }
 

@@ -495,9 +495,12 @@ T_CASE(mraw_packings)
     gives(at("b.mraw"), 9, 6, CAP_GREY16, noise);
     cih(16, 16, "", "Bayer", "Bayer Pattern : grbg");
     gives(at("b.mraw"), 9, 6, CAP_BAYER_GR16, noise);
-    cih(16, 16, "", "Bayer", "");
-    gives(at("b.mraw"), 9, 6, CAP_GREY16, noise);
-    T_OK(r.filter);
+    for (int k = 0; k < 2; k++) { /* a colour camera's one sample a pixel is raw */
+        cih(16, 16, "", k == 0 ? "Bayer" : "Color", "Shutter Speed(s) : 1/8000");
+        gives(at("b.mraw"), 9, 6, CAP_GREY16, noise);
+        T_OK(r.filter);
+        T_NEAR(r.exposure_s[0], 1.0 / 8000, 1e-12);
+    }
 }
 
 T_CASE(mraw_times)
@@ -523,7 +526,8 @@ T_CASE(mraw_what_is_not_understood)
         const char *side, *type, *more, *says;
     } bad[] = {{10, 10, "Lower", "Mono", "", "Color Bit is 10"},
                {16, 12, "Middle", "Mono", "", "neither Lower nor Higher"},
-               {16, 12, "Lower", "Color", "", "interpolated"},
+               {48, 12, "Lower", "Color", "", "interpolated"},
+               {24, 8, "Lower", "Color", "", "interpolated"},
                {16, 12, "Lower", "Polarized", "", "Mono and Bayer"},
                {16, 12, "Lower", "Bayer", "Bayer Pattern : RGRG", "no Bayer pattern"},
                {16, 12, "Lower", "Mono", "Pre LUT Gamma : 2.2", "processed"},
@@ -668,6 +672,7 @@ T_CASE(real_cine)
     T_NEAR(r.frame[0].t_ns, -601672714.576, 1);
     T_NEAR(r.frame[14].t_ns - r.frame[0].t_ns, 14 * 111071.2, 100);
     T_CONTAINS(r.said, "black is 64 and white 4064 of 4095");
+    T_NEAR(r.exposure_s[0], 9.6965e-6, 1e-9);
     /* FFmpeg's own demuxer: the same pictures, spread over 16 bits */
     snprintf(line, sizeof line, "ffmpeg -v error -i %s -f rawvideo -pix_fmt gray16le -", r.path);
     FILE *f = popen(line, "r");
@@ -698,6 +703,7 @@ T_CASE(real_mraw)
     T_EQ_I(r.frame[0].t_ns, 0);
     T_EQ_I(r.frame[1].t_ns, 2500 * 20000);
     T_CONTAINS(r.said, "every 2500th of 50000 frames");
+    T_NEAR(r.exposure_s[1], 5e-6, 1e-12);
     FILE *f = fopen(r.path, "rb");
     for (size_t k = 0; k < 4; k++) {
         T_EQ_I(fread(want, 1, sizeof want, f), sizeof want);

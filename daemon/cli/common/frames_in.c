@@ -910,11 +910,25 @@ static void note_unknown(const struct frames_in *f)
                 f->dir, n, first);
 }
 
+/* A recording of a high-speed camera says its exposure, and neither gain nor temperature. */
+static pvx_err frames_in_check_raw(const struct frames_in *f, size_t c, struct pvx_diag *d)
+{
+    const struct cap_reel *r = &f->reel[c];
+    for (int k = 0; k < 2 && r->n > 0 && r->raw.exposure_s[k] > 0; k++) {
+        const struct dmn_photometry_taken as = {r->raw.exposure_s[k], (double)NAN, (double)NAN,
+                                                NULL, NULL};
+        PVX_TRY(dmn_photometry_check(&f->rig->cameras[c], &as, r->path[0], d));
+    }
+    return PVX_OK;
+}
+
 pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
 {
     bool means = f->means.n > 0;
     const int64_t *rows = means ? f->member_row : f->row;
     size_t n = means ? f->members : f->n;
+    for (size_t c = 0; f->reel != NULL && c < f->rig->n_cameras; c++)
+        PVX_TRY(frames_in_check_raw(f, c, d));
     for (size_t c = 0; f->take != NULL && c < f->rig->n_cameras; c++)
         for (size_t i = 0; i < n; i++) {
             int64_t at = rows[i * f->rig->n_cameras + c];

@@ -113,7 +113,7 @@ struct frames_in {
 PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, int64_t first,
                                       int64_t last, enum frames_in_kinds kinds, struct pvx_diag *d);
 /* Check that a take has the cameras, exposures and gains that the rig's photometry was measured with.
- * PVX_EINVAL: it has others.  A folder does not contain them and always passes. */
+ * PVX_EINVAL: it has others.  Of a folder only recordings of high-speed cameras contain an exposure; all else passes. */
 PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);
 /* Keep only the sets [first, end). */
 void frames_in_only(struct frames_in *f, size_t first, size_t end);

@@ -69,7 +69,8 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
         snprintf(what, sizeof what, "take of session %016llx",
                  (unsigned long long)cap_take_info(in->take)->head.session);
     else
-        snprintf(what, sizeof what, "%s", basename(realpath(o->frames, real) != NULL ? real : ""));
+        snprintf(what, sizeof what, "%s",
+                 realpath(o->frames, real) != NULL ? basename(real) : o->frames);
     if (asprintf(&options, "%s--frames %s\n%s", o->said, what, within) < 0)
         options = NULL;
     p->job = (struct parts_job){.out = o->out,
