@@ -117,6 +117,12 @@ static pvx_err matlab_pair(const struct exchange_in *in, hid_t at)
     double R[9], t[3];
     PVX_TRY(matlab_one(in, at, "CameraParameters1", "cam1", &a));
     PVX_TRY(matlab_one(in, at, "CameraParameters2", "cam2", &b));
+    if (!matlab_has(at, "RotationOfCamera2"))
+        return pvx_fail(in->d, PVX_EFORMAT,
+                        "%s: RotationOfCamera2 is missing: in MATLAB, [~,~,~,~,R,T] = "
+                        "stereoParametersToOpenCV(stereoParams); s.RotationOfCamera2 = R'; "
+                        "s.TranslationOfCamera2 = T; and save s again",
+                        in->path);
     PVX_TRY(matlab_exactly(in, at, "RotationOfCamera2", 9, R));
     PVX_TRY(matlab_exactly(in, at, "TranslationOfCamera2", 3, t));
     PVX_TRY(exchange_pose(in, 0, "CameraParameters1", one, zero, a));

@@ -31,6 +31,8 @@ check a-lens-that-does-not-fit says 1 "jarvis cannot hold its lens"
 not_structures() { # MATLAB's files of before 7.3, and objects, which only MATLAB can read
     printf 'MATLAB 5.0 MAT-file, Platform: GLNXA64' > old.mat
     "$py" -c 'import h5py; f = h5py.File("object.mat", "w"); f.create_group("#subsystem#"); f["stereoParams"] = [1.0]' || return 1
+    "$py" -c 'import h5py; f = h5py.File("stereo.mat", "r+"); del f["s/RotationOfCamera2"]' || return 1
+    needs 'stereo.mat: RotationOfCamera2 is missing: in MATLAB, ' stereo.mat "${box[@]}" || return 1
     needs "is not HDF5: in MATLAB, save it with '-v7.3'" old.mat "${box[@]}" && needs 'but an object, which only MATLAB can read: in MATLAB, s = toStruct(' object.mat "${box[@]}"
 }
 check matlab-objects not_structures
