@@ -66,7 +66,8 @@ PVX_MUST_CHECK pvx_err rec_exchange_end(struct rec_exchange *x, struct pvx_diag 
 bool rec_exchange_aim(const struct rec_exchange *x, double at[3]);
 
 /* Write the cameras of a rig.  `path` is a file, or a folder for ros, colmap and jarvis.  A lens or a name that the
- * format cannot hold is refused with PVX_EUNSUP.  Gains, photometry, bodies and the volume are not written. */
+ * format cannot hold is refused with PVX_EUNSUP.  Gains, photometry, blur, bodies and the volume
+ * are not written. */
 PVX_MUST_CHECK pvx_err rec_exchange_write(const struct rec_rig *r, enum rec_exchange_format to,
                                           const char *path, struct pvx_diag *d);
 #endif

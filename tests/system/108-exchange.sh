@@ -21,11 +21,19 @@ check asks-for-the-unit needs 'in which unit are the files' opencv.yml "${box[@]
 check asks-for-the-volume needs 'where will the flame burn? --volume' opencv.yml --unit m
 check shows-where-cameras-look needs "the cameras' axes pass nearest to 0.03" opencv.yml --unit m
 check asks-for-the-size needs "camera 'cam0': how large are its pictures? --size cam0=WIDTHxHEIGHT" cam0.yaml cam1.yaml --from jarvis --unit mm "${box[@]}"
+check a-size-that-is-not-the-files needs "pictures of 640x480 in its file, and --size says 320x240: K belongs to one size" opencv.yml --unit m --size 320x240 "${box[@]}"
+check a-size-for-the-others needs 'where will the flame burn' cam0.yaml cam1.yaml cam2.yaml --from jarvis --unit mm --size 640x480 --size cam1=320x240
+check with-its-size says 1 'cam0                 640x480' 'cam1                 320x240' 'cam2                 640x480'
+check a-size-of-no-camera needs 'no camera has this name' opencv.yml --unit m --size what=320x240 "${box[@]}"
+check a-unit-that-is-not-the-files needs 'the files say that their unit is 1 m, and --unit says 0.001 m' camchain.yaml --unit mm "${box[@]}"
 check a-wrong-unit-is-named needs 'or a unit of the files is not 0.001 m' opencv.yml --unit mm "${box[@]}"
 check a-volume-elsewhere-is-named needs 'no camera sees the volume' opencv.yml --unit m --volume 9,9,9,9.5,9.5,9.5
 check a-rig-is-no-calibration needs 'is a rig.yaml already' trip-rig.yaml --unit m "${box[@]}"
 run "$pyrovox" calibrate import opencv.yml --unit m "${box[@]}" --out trip-rig.yaml
 check nothing-is-overwritten says 1 'is there already; --force writes over it'
+sed 's/^    t:/    gain: [2, 1, 1]\n&/' trip-rig.yaml > gains.yaml
+run "$pyrovox" calibrate export --rig gains.yaml --to ros --out ros
+check says-what-is-left-out says 0 'camera_info has no poses: they are left out' 'gains, photometry, blur and bodies are left out' 'ros: 4 cameras for ros'
 run "$pyrovox" calibrate export --rig trip-rig.yaml --to jarvis --out no.jarvis
 check a-lens-that-does-not-fit says 1 "jarvis cannot hold its lens"
 not_structures() { # MATLAB's files of before 7.3, and objects, which only MATLAB can read

@@ -32,7 +32,8 @@ static const char doc[] =
     "  pyrovox calibrate export --rig rig.yaml --to colmap --out sparse\n"
     "\n"
     "Lenses and poses are converted to the conventions of the format. Lengths stay metres, but "
-    "for jarvis, which has millimetres. The volume, gains, photometry, bodies and uncertainties "
+    "for jarvis, which has millimetres. The volume, gains, photometry, blur, bodies and "
+    "uncertainties "
     "are not written. A lens that the format cannot hold is refused.";
 
 static error_t export_parse_opt(int key, char *arg, struct argp_state *st)
@@ -82,7 +83,8 @@ static void export_say(const struct rec_rig *r, enum rec_exchange_format to)
     for (size_t i = 0; i < r->n_cameras; i++) {
         const struct rec_camera *c = &r->cameras[i];
         worst = fmax(worst, export_distortion(c));
-        light = light || c->gain[0] != 1 || c->gain[1] != 1 || c->gain[2] != 1;
+        light = light || c->gain[0] != 1 || c->gain[1] != 1 || c->gain[2] != 1 ||
+                rec_photometry_acts(&c->photometry) || c->blur.sigma != 0 || c->blur.aperture != 0;
     }
     if (to == REC_EXCHANGE_BLENDER && worst > 0.01)
         printf("Blender has no lens distortion: up to %.1f px in the pictures' corners are left "
@@ -91,7 +93,7 @@ static void export_say(const struct rec_rig *r, enum rec_exchange_format to)
     if (to == REC_EXCHANGE_ROS)
         printf("camera_info has no poses: they are left out\n");
     if (light)
-        printf("gains and bodies are left out\n");
+        printf("the rig's gains, photometry, blur and bodies are left out\n");
 }
 
 static pvx_err export_run(const struct args *a, struct pvx_diag *d)

@@ -174,30 +174,39 @@ static bool import_is_size_of(const struct import_size *s, const char *name)
     return *s->camera == '\0' || (strncmp(s->camera, name, n) == 0 && s->camera[n] == '=');
 }
 
-/* Sizes from the command line; one that the files give, too, must be the same. */
+/* A size of the command line.  One for all cameras does not concern those that were named before. */
+static pvx_err import_size_of(const struct import_size *s, struct rec_exchange *x,
+                              bool given[REC_MAX_CAMERAS], struct pvx_diag *d)
+{
+    const bool named = *s->camera != '\0';
+    bool used = false;
+    for (size_t k = 0; k < x->n; k++) {
+        struct rec_camera *c = &x->camera[k].c;
+        if (!import_is_size_of(s, c->name))
+            continue;
+        used = true;
+        if (given[k] && !named)
+            continue;
+        if (c->width != 0 && (c->width != s->w || c->height != s->h))
+            return pvx_fail(d, PVX_EINVAL,
+                            "camera '%s' has pictures of %dx%d%s, and --size says %dx%d: K belongs "
+                            "to one size",
+                            c->name, c->width, c->height, given[k] ? "" : " in its file", s->w,
+                            s->h);
+        c->width = s->w;
+        c->height = s->h;
+        given[k] = true;
+    }
+    return used ? PVX_OK : pvx_fail(d, PVX_ENOENT, "--size %s: no camera has this name", s->camera);
+}
+
 static pvx_err import_sizes(const struct args *a, struct rec_exchange *x, struct pvx_diag *d)
 {
-    for (size_t i = 0; i < a->n_sizes; i++) {
-        const struct import_size *s = &a->size[i];
-        bool used = false;
-        for (size_t k = 0; k < x->n; k++) {
-            struct rec_camera *c = &x->camera[k].c;
-            if (!import_is_size_of(s, c->name))
-                continue;
-            used = true;
-            if (c->width != 0 && *s->camera != '\0' && (c->width != s->w || c->height != s->h))
-                return pvx_fail(d, PVX_EINVAL,
-                                "camera '%s' has pictures of %dx%d in its file, and --size says "
-                                "%dx%d: K belongs to the size in the file",
-                                c->name, c->width, c->height, s->w, s->h);
-            if (c->width == 0) {
-                c->width = s->w;
-                c->height = s->h;
-            }
-        }
-        if (!used)
-            return pvx_fail(d, PVX_ENOENT, "--size %s: no camera has this name", s->camera);
-    }
+    bool given[REC_MAX_CAMERAS] = {false};
+    for (int named = 1; named >= 0; named--)
+        for (size_t i = 0; i < a->n_sizes; i++)
+            if ((*a->size[i].camera != '\0') == named)
+                PVX_TRY(import_size_of(&a->size[i], x, given, d));
     return PVX_OK;
 }
 
