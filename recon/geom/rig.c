@@ -167,6 +167,10 @@ static pvx_err read_model(const struct reader *r, int node, const char *path, st
             c->model = (enum rec_camera_model)i;
             return PVX_OK;
         }
+    if (strcmp(name, "rays") == 0)
+        return pvx_yaml_fail(r->y, node, full, PVX_EUNSUP, r->d,
+                             "a ray per pixel from a file is not supported: describe the optics as "
+                             "pinhole, fisheye, scheimpflug or telecentric, with windows and blur");
     return pvx_yaml_fail(
         r->y, node, full, PVX_EINVAL, r->d,
         "'%s' is not known; pinhole, fisheye (OpenCV's, also called equidistant), scheimpflug "

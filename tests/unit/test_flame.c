@@ -4,6 +4,7 @@
 
 #include "recon/geom/rig.h"
 #include "tests/lib/centre.h"
+#include "tests/lib/optics.h"
 
 static const struct rec_grid unit_grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {32, 32, 32}, REC_BOX};
 
@@ -220,4 +221,48 @@ T_CASE(voxels_are_cell_means)
         }
     }
     free(v);
+}
+
+/* Pictures through a window, against rays that are traced face by face. */
+T_CASE(windows_are_looked_through)
+{
+    struct rec_rig rig;
+    struct rec_flame f;
+    struct rec_flame_pose p;
+    enum { W = 80, H = 60 };
+    static float img[W * H * 3];
+    T_EQ_I(rec_rig_ring(1, 2.2, W, H, 16, &rig), PVX_OK);
+    rec_flame_init(&f, &rig.grid, 3);
+    rec_flame_at(&f, 0.4, &p);
+    struct rec_camera *c = &rig.cameras[0];
+    double centre[3], worst = 0, moved = 0;
+    struct optics_plate plate = {.thickness = 0.1, .index = 1.5};
+    memset(c->dist, 0, sizeof c->dist);
+    rec_camera_centre(c, centre);
+    for (int a = 0; a < 3; a++)
+        plate.n[a] = 0.8 * c->R[6 + a] + 0.6 * c->R[a];
+    plate.at = optics_dot(plate.n, centre) + 0.5;
+    c->n_windows = 1;
+    memcpy(c->window[0].normal, plate.n, sizeof plate.n);
+    c->window[0].at = plate.at;
+    c->window[0].thickness = plate.thickness;
+    c->window[0].index = plate.index;
+    rec_flame_render(&p, c, 1, 0, H, img);
+    for (int i = 0; i < W * H; i++) {
+        double x = (i % W - c->cx) / c->fx, y = (i / W - c->cy) / c->fy, o[3], d[3], rgb[3],
+               bare[3];
+        double length = sqrt(x * x + y * y + 1);
+        for (int a = 0; a < 3; a++) {
+            d[a] = (c->R[a] * x + c->R[3 + a] * y + c->R[6 + a]) / length;
+            o[a] = centre[a];
+        }
+        rec_flame_ray(&p, o, d, bare);
+        T_OK(optics_plates(&plate, 1, o, d));
+        rec_flame_ray(&p, o, d, rgb);
+        worst = fmax(worst, fabs(rgb[0] - (double)img[3 * i]));
+        moved = fmax(moved, fabs(bare[0] - rgb[0]));
+    }
+    T_LE(worst, 1e-6);
+    T_LE(0.05, moved);
+    rec_rig_fini(&rig);
 }

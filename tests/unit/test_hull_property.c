@@ -41,7 +41,34 @@ static void light_up(const struct rec_camera *c, const struct rec_grid *g, int32
     }
 }
 
-T_CASE(no_light_is_carved)
+/* Glass before it, oblique; a tilted sensor, parallel rays or a lens out of focus behind that. */
+static void other_optics(struct rec_camera *c, int kind)
+{
+    double at[3];
+    struct rec_glass *w = &c->window[0];
+    rec_camera_centre(c, at);
+    for (int a = 0; a < 3; a++) {
+        w->normal[a] = cos(0.5) * c->R[6 + a] + sin(0.5) * c->R[3 + a];
+        w->at += w->normal[a] * at[a];
+    }
+    w->at += 0.01;
+    w->thickness = 0.05;
+    w->index = 1.5;
+    c->n_windows = 1;
+    if (kind == 1) {
+        c->model = REC_SCHEIMPFLUG;
+        c->tilt[0] = 0.15;
+        c->tilt[1] = -0.1;
+    } else if (kind == 2) {
+        c->model = REC_TELECENTRIC;
+        memset(c->dist, 0, sizeof c->dist);
+    } else if (kind == 3) {
+        c->blur.aperture = 0.05;
+        c->blur.focus = 3;
+    }
+}
+
+static void no_light(bool other)
 {
     static uint8_t bits[6][W * H];
     const uint8_t *lit[6];
@@ -63,6 +90,8 @@ T_CASE(no_light_is_carved)
                 (double[3]){far * cos(round), far * sin(round), t_uniform(-0.5, 2)},
                 (double[3]){t_uniform(-0.3, 0.3), t_uniform(-0.3, 0.3), t_uniform(0.2, 0.8)}, cam);
             cam->fx = cam->fy = t_uniform(25, 120);
+            if (other)
+                other_optics(cam, turn / 2 % 4);
             if (turn % 3 == 1)
                 look_past(cam, &rig.grid, voxel[0],
                           c % 2 == 0 ? -t_uniform(0, 0.1) : t_uniform(0, 0.5));
@@ -114,4 +143,14 @@ T_CASE(no_light_is_carved)
     }
     T_OK(dark < TURNS); /* most voxels are seen by somebody */
     T_OK(partly > 0);   /* and footprints at an image's edge occur */
+}
+
+T_CASE(no_light_is_carved)
+{
+    no_light(false);
+}
+
+T_CASE(no_light_is_carved_behind_glass)
+{
+    no_light(true);
 }

@@ -280,6 +280,8 @@ T_CASE(windows_and_other_rays)
     free(out);
     rec_rig_fini(&r);
     rec_rig_fini(&back);
+    refuse(HEAD CAM("a", "    model: rays\n"), PVX_EUNSUP,
+           "rig.yaml:9: cameras[0].model: a ray per pixel from a file is not supported");
     refuse(HEAD CAM("a", "    windows: 3\n"), PVX_EFORMAT,
            "rig.yaml:9: cameras[0].windows: should be a list of at most 4 windows");
     refuse(HEAD CAM("a", "    windows:\n      - { plane: [0, 0, 1, -1], n: 1.5 }\n"), PVX_EFORMAT,
