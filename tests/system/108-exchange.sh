@@ -3,7 +3,7 @@
 name=108
 . "$(dirname "$0")/lib.sh"
 "$py" -c 'import cv2, h5py' 2> /dev/null || { echo "no python3 with cv2 and h5py (apt-get install python3-opencv python3-h5py)"; exit 77; }
-for case in opencv opencv-stereo colmap jarvis ros kalibr anipose caliscope matlab agisoft round-trips; do
+for case in opencv inverted opencv-stereo colmap jarvis ros kalibr anipose caliscope matlab agisoft round-trips; do
     "$py" tests/system/exchange.py "$case" "$pyrovox" "$dir" > "$dir/$case.log" 2>&1
     code=$?
     if [ $code = 77 ]; then echo "SKIP $name:$case (apt-get install colmap, or a project of caliscope in PYROVOX_DATA)"; continue; fi

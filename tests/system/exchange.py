@@ -127,6 +127,17 @@ def opencv():
             agrees(truth, [path], "--unit", "m")
 
 
+def inverted():
+    """Poses from the camera to the world are refused, with the cause and the remedy, and nothing is written."""
+    truth = ring(4, PINHOLE)
+    for c in truth:
+        c.R, c.t = c.R.T, -c.R.T @ c.t
+    storage(folder / "inverted.yml", truth)
+    said = calibrate("import", folder / "inverted.yml", "--unit", "m", "--volume", BOX, "--out", folder / "inverted.yaml", code=1)
+    assert "4 of 4 would see it if R and t lead from the camera to the world (give R transposed and -R^T t)" in said, said
+    assert not (folder / "inverted.yaml").exists()
+
+
 def opencv_stereo():
     """The two files of OpenCV's stereo_calib, in millimetres; the first camera is the world."""
     truth = ring(2, PINHOLE)
