@@ -559,9 +559,18 @@ complete:
     return false;
 }
 
-/* Cameras that sent nothing up to the take's end.  Under the lock. */
+/* Cameras that sent nothing up to the take's end.  If one has sent again since, what it did not send is known, but comes
+ * after the set that ended the take.  Under the lock. */
 static void ring_lose_rest(cap_ring *r)
 {
+    for (uint64_t n = r->cursor > r->tail ? r->cursor : r->tail; n < r->end; n++) {
+        struct item *it = ring_at(r, n);
+        if (it->set != NULL || it->stray != NULL || it->fed == r->now.number ||
+            !ring_is_in(r->now.t_from_ns, r->now.t_to_ns, it))
+            continue;
+        it->fed = r->now.number;
+        lose_item(r, r->now.number, it->why, it);
+    }
     double period = 1e9 / r->cfg.fps;
     for (uint32_t c = 0; c < r->cfg.n_cameras; c++) {
         const struct seen *s = &r->seen[c];

@@ -25,7 +25,8 @@ fps: 20
 publish: {endpoints: ["tcp://*:$port", "$volumes"], previews: "tcp://*:$previews_port"}
 control: {endpoint: "tcp://127.0.0.1:$control_port"}
 keys: {server: keys/lab.key, clients: keys/clients.keys}
-record: {path: "$dir/take.h5"}
+record: {path: "$dir/take.h5", keep_free_gb: 0, ring: {seconds: 2, memory: 100MB, pre: 1}}
+triggers: [{name: mine, pre: 0.1, post: 0.1}]
 E2
 start daemon.log "$pyrovoxd" --config "$dir/a.yaml"
 daemon=$started
@@ -48,6 +49,8 @@ placed() { ctl bert record start "$dir/elsewhere.h5"; says 1 'over the network i
 check control-does-not-place-a-take placed
 named() { ctl bert record start named.h5; says 0 "$dir/named.h5" && ctl bert record stop && says 0 "$dir/named.h5"; }
 check control-names-a-take named
+fires() { ctl bert trigger mine; says 0 'instant 20'; ctl anna trigger mine; says 1 'refuses this key'; }
+check control-fires-a-trigger fires
 reread() { ctl bert reload-keys; says 0 ok; }
 check control-reads-keys-again reread
 untold() { ctl anna set solver.iterations 8; says 1 'refuses this key'; }
