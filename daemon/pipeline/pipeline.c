@@ -22,6 +22,8 @@ struct dmn_pipeline {
     rec_systems *systems[DMN_N_SYSTEMS];
     pvx_queue *idle, *idle_systems, *to_solve, *to_sink;
     struct dmn_stage stage[DMN_N_STAGES];
+    _Atomic int64_t waited_ns; /* by the solver, for a set, after its first */
+    bool solved;               /* the solver's own: it has had one */
     struct dmn_slot *next; /* waits for a set, then with it for systems; the carve stage's own */
     bool loaded;           /* `next` has a set */
 
@@ -217,7 +219,10 @@ static bool pipeline_solve(void *ctx)
 {
     dmn_pipeline *p = ctx;
     void *item;
+    int64_t t0 = pvx_now_mono();
     pvx_err e = pvx_queue_pop(p->to_solve, DMN_STAGE_WAIT_NS, &item);
+    if (e != PVX_ECLOSED && p->solved)
+        atomic_fetch_add(&p->waited_ns, pvx_now_mono() - t0);
     if (e == PVX_ETIMEDOUT)
         return true;
     if (e != PVX_OK) {
@@ -225,6 +230,7 @@ static bool pipeline_solve(void *ctx)
         return false;
     }
     struct dmn_slot *s = item;
+    p->solved = true;
     if (s->why == DMN_N_DROP)
         solve_slot(p, s);
     give_systems_back(p, s);
@@ -389,6 +395,11 @@ void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out)
     out->inside = out->produced - gone;
     for (int i = 0; i < DMN_N_STAGES; i++)
         stage_state(&p->stage[i], name[i], in[i], &out->stage[i]);
+}
+
+int64_t dmn_pipeline_waited_ns(dmn_pipeline *p)
+{
+    return atomic_load(&p->waited_ns);
 }
 
 int64_t dmn_pipeline_stuck_ns(dmn_pipeline *p)

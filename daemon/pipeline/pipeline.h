@@ -110,6 +110,8 @@ void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t);
 
 /* Fills produced, published, inside, dropped and the stages of out. */
 void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);
+/* How long the solver has waited for sets, since its first. */
+int64_t dmn_pipeline_waited_ns(dmn_pipeline *p);
 /* Longest time since a stage's last heartbeat, ns. */
 int64_t dmn_pipeline_stuck_ns(dmn_pipeline *p);
 #endif

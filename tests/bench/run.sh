@@ -49,6 +49,7 @@ figure5() { # the paper's: 100 frames of 7 cameras, 640x480 in bins of 2x2, five
         [[ $t == *.o || $t == *.d || ! -x $t ]] || run "${t##*/}" "$t" "$out"
     done
     run figure5 figure5
+    run highspeed bash tests/bench/highspeed.sh "$b"
     run live live # end to end, with simulated cameras
     run view /usr/bin/python3 tests/view/bench.py "$b" # the page and its bridge, in a headless browser
     run blender /usr/bin/python3 tests/blender/bench.py "$b" # the add-on

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/cpu.h"
 #include "base/file.h"
 #include "base/mem.h"
@@ -49,6 +50,7 @@ struct job {
     cJSON *list; /* of frames, in the report */
     struct cli_progress bar;
     size_t sets;                    /* received so far */
+    int64_t first_ns, last_ns;      /* when the first and the last came */
     struct reconstruct_hints hints; /* of the volumes written */
     rec_plausible *plausible;       /* NULL: without silhouettes */
     size_t lit;                     /* sets with light in two cameras */
@@ -230,7 +232,8 @@ static bool reconstruct_put(void *ctx, const struct dmn_slot *s)
     struct job *j = ctx;
     if (j->error != PVX_OK)
         return false;
-    j->sets++;
+    j->last_ns = pvx_now_mono();
+    j->first_ns = j->sets++ == 0 ? j->last_ns : j->first_ns;
     if (j->in.bar == NULL)
         cli_progress(&j->bar, (double)j->sets / (double)j->in.n);
     bool own = true;
@@ -427,6 +430,15 @@ static pvx_err reconstruct_verdict(const struct job *j)
     return PVX_OK;
 }
 
+/* The share of the time from the first volume to the last in which the solver waited for frames. */
+static void describe_waiting(cJSON *root, const struct job *j)
+{
+    if (j->last_ns > j->first_ns)
+        cJSON_AddNumberToObject(root, "solver_waited",
+                                (double)dmn_pipeline_waited_ns(j->pipeline) /
+                                    (double)(j->last_ns - j->first_ns));
+}
+
 /* After an error or Ctrl-C the report is written, too, for the sets that were done. */
 static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 {
@@ -439,6 +451,7 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     j->in.bar = j->in.means.n > 0 ? &j->bar : NULL;
     pvx_err e = dmn_pipeline_start(j->pipeline, d);
     dmn_pipeline_join(j->pipeline);
+    describe_waiting(root, j);
     if (e == PVX_OK && (e = j->error) != PVX_OK)
         *d = j->why;
     struct pvx_diag dr = {""};
