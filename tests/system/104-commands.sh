@@ -28,6 +28,7 @@ world() {
         perl -pe 's/-?[\d.]+(e-?\d+)?/$& * 0.4/ge if /^ +(t|min|max):/' far.yaml > near.yaml # where a board of this size is large
         "$pyrovox" simcams --rig near.yaml --board charuco:8x11:0.03:0.022:two-sided --poses 12 --write-frames pictures > "$dir/frames.log" 2>&1 || return 1
     fi
+    (echo frame,phase; for i in 0 1 2 3 4 5 6 7 8 9 10 11; do echo "$i,0.$((i % 4 * 25))"; done) > phase.csv
     printf 'rig: rig.yaml\ncameras: "aravis:127.0.0.2+"\nfps: 10\npixel_format: RGB8\nphotometry: { black: 0.02 }\n' > my.yaml
     cp my.yaml pyrovoxd.yaml; { cat my.yaml; echo 'trigger: line'; } > line.yaml
     { sed "s,^fps: .*,fps: 20," my.yaml; echo 'record: { ring: { seconds: 3, memory: 100MB } }'; } > live.yaml

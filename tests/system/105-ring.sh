@@ -50,9 +50,16 @@ check ends ended "$daemon" 0
 check account "$py" tests/system/ring.py "$dir"/takes/*T*.h5
 info() { run "$pyrovox" replay --info "$(ls "$dir"/takes/ignition-*.h5 | head -n 1)"; says 0 'trigger   ignition at 20' 'from 0.600 s before to 0.400 s after' 'lost      '; }
 check info info
-advises() { run "$pyrovox" advise --quiet --rig tests/data/rig4.yaml --frames "$(ls "$dir"/takes/ignition-*.h5 | tail -n 1)"; says 0 'triggers     ignition' '#   - { name: ignition, when: light, above: 0.'; }
+advises() { # ten dark sets, then ten with a flame
+    local c i
+    run "$pyrovox" simcams --rig tests/data/rig4.yaml --ring 10 --write-frames "$dir/lit"; says 0 || return 1
+    run "$pyrovox" simcams --rig tests/data/rig4.yaml --ring 10 --set 'empty all on' --write-frames "$dir/ignites"; says 0 || return 1
+    for c in 0 1 2 3; do for i in 0 1 2 3 4 5 6 7 8 9; do mv "$dir/lit/cam$c/00000$i.png" "$dir/ignites/cam$c/00001$i.png"; done; done
+    run "$pyrovox" advise --quiet --rig tests/data/rig4.yaml --black 0.02 --frames "$dir/ignites"
+    says 0 'triggers     ignition   10 of 20 sets are dark' '#   - { name: ignition, when: light, above: 0.001'
+}
 check advises-levels advises
-again() { run "$pyrovox" reconstruct --rig tests/data/rig4.yaml --frames "$(ls "$dir"/takes/ignition-*.h5 | tail -n 1)" --grid 12 --quiet --out "$dir/again"; says 0 && [ "$(ls "$dir"/again/*.npy | wc -l)" -ge 50 ]; }
+again() { run "$pyrovox" reconstruct --rig tests/data/rig4.yaml --frames "$(ls "$dir"/takes/ignition-*.h5 | tail -n 1)" --grid 12 --quiet --out "$dir/again"; says 0 && [ "$(ls "$dir"/again/*.npy | wc -l)" -ge 1 ]; }
 check is-a-take again
 
 # cameras that lose frames, come late, come back

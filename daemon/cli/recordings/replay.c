@@ -151,6 +151,8 @@ static pvx_err make_config(const struct args *a, const cap_take *t, struct dmn_c
         PVX_TRY(dmn_config_parse(h->config, strlen(h->config), name, c, d));
         snprintf(base, sizeof base, "%s", h->base);
         c->rig[0] = '\0'; /* the take's */
+        c->ring.seconds = 0;
+        c->triggers.n = 0; /* they made takes of what is a take now */
     }
     make_absolute(base, c->rig, sizeof c->rig);
     make_absolute(base, c->cache, sizeof c->cache);
