@@ -174,6 +174,13 @@ T_CASE(times_meet_the_nearest)
 
     has(1, CAP_REEL_FILM, 5, 10000000000, 50000000);
     fails(2, CAP_NUMBERS_COUNT, "cam0: 0 of its 5 frames are within half a frame period (25 ms)");
+    has(1, CAP_REEL_RAW, 5, 0, 50000000); /* from its trigger, and not from the begin of a film */
+    fails(2, CAP_NUMBERS_COUNT, "from its own begin, and FILE from its trigger");
+    has(0, CAP_REEL_RAW, 5, -100000000, 50000000);
+    sets(2, CAP_NUMBERS_COUNT, "0:- 1:- 2:0 3:1 4:2 -:3 -:4");
+    T_CONTAINS(p.said, "cam1 has no frame in 2 of 7 sets");
+    cap_pairs_free(&p);
+    has(0, CAP_REEL_FILM, 5, 0, 50000000);
     has(1, CAP_REEL_PICTURES, 5, 0, 1);
     fails(2, CAP_NUMBERS_COUNT, "is a film");
     has(0, CAP_REEL_PAGES, 5, 0, 1);
