@@ -24,7 +24,7 @@ static void poses_camera(struct dmn_json *j, const struct rec_camera *c)
         n += rec_camera_ray(c, u, v, eye, dir[i]);
     }
     rec_camera_centre(c, eye);
-    for (int i = 0; i < 4 && c->model == REC_TELECENTRIC; i++) { /* drawn from its middle */
+    for (int i = 0; i < 4 && c->model >= REC_TELECENTRIC; i++) { /* drawn from its middle */
         double u = i == 1 || i == 2 ? c->width - 0.5 : -0.5, v = i >= 2 ? c->height - 0.5 : -0.5;
         double o[3];
         if (rec_camera_ray(c, u, v, o, dir[i]))

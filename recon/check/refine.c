@@ -161,6 +161,12 @@ pvx_err rec_refine(struct rec_rig *rig, const struct rec_unseen_params *p, pvx_p
                         "%zu frame sets: a refinement needs %d at least, two thirds to fit and the "
                         "rest to judge",
                         s->n, REC_REFINE_SETS);
+    for (size_t c = 0; c < rig->n_cameras; c++)
+        if (rig->cameras[c].model == REC_RAYS)
+            return pvx_fail(d, PVX_EUNSUP,
+                            "%s has model: rays, and rays from a file cannot be moved in it: leave "
+                            "it out with --cameras, or make its file again",
+                            rig->cameras[c].name);
     PVX_TRY(whom_to_believe(&r, rig));
     out->in_line = rec_rig_in_line(rig);
     r.held = out->in_line ? REC_POSE_FROM | REC_POSE_DISTANCE | REC_POSE_FOCAL : 0;

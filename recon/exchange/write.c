@@ -331,9 +331,9 @@ pvx_err rec_exchange_write(const struct rec_rig *r, enum rec_exchange_format to,
     pvx_err e;
     for (size_t i = 0; i < n; i++) {
         const struct rec_camera *c = &r->cameras[i];
-        if (c->n_windows > 0 || c->model == REC_TELECENTRIC)
-            return exchange_cannot(c, to, c->n_windows > 0 ? "its windows" : "a telecentric lens",
-                                   d);
+        if (c->n_windows > 0 || c->model >= REC_TELECENTRIC)
+            return exchange_cannot(
+                c, to, c->n_windows > 0 ? "its windows" : "a telecentric lens or rays", d);
         if (c->model == REC_SCHEIMPFLUG && to != REC_EXCHANGE_OPENCV)
             return exchange_cannot(c, to, "a tilted sensor", d);
     }

@@ -130,8 +130,8 @@ static bool blind_odd(const struct rec_camera *c)
  * nearer to it than before.  In pictures that are cut from larger ones it is not. */
 static bool blind_lens_fits(const struct rec_camera *c, const struct rec_grid *g, size_t lens)
 {
-    if (c->model == REC_TELECENTRIC)
-        return false; /* its K is per metre */
+    if (c->model >= REC_TELECENTRIC)
+        return false; /* its K is per metre, or not there */
     struct rec_camera as = blind_read(c, (struct reading){.lens = lens});
     const double wide = as.fx / as.fy, across = (c->cx + 0.5) / c->width,
                  down = (c->cy + 0.5) / c->height;

@@ -5,10 +5,11 @@
 #include <string.h>
 
 #include "recon/geom/glass.h"
+#include "recon/geom/ray_table.h"
 
 const char *rec_camera_model_name(enum rec_camera_model m)
 {
-    static const char *const names[] = {"pinhole", "fisheye", "scheimpflug", "telecentric"};
+    static const char *const names[] = {"pinhole", "fisheye", "scheimpflug", "telecentric", "rays"};
     return names[m];
 }
 
@@ -224,6 +225,11 @@ bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
     if (c->model == REC_TELECENTRIC) {
         x = p[0] = Xc;
         y = p[1] = Yc;
+    } else if (c->model == REC_RAYS) {
+        if (!rec_ray_table_find(c->table, (const double[3]){Xc, Yc, Zc}, p))
+            return false;
+        x = p[0];
+        y = p[1];
     } else if (has_distortion(c)) {
         if (c->model == REC_FISHEYE)
             fisheye(c, x, y, p, J);
@@ -240,6 +246,26 @@ bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
     return true;
 }
 
+/* The point stays on the ray of (x,y): M d(x,y) = dX - slope dZ. */
+static bool table_slopes(const struct rec_camera *c, const double X[3],
+                         const struct rec_projection *p, double D[6])
+{
+    double line[4], s[8], M[4], Z = c->R[6] * X[0] + c->R[7] * X[1] + c->R[8] * X[2] + c->t[2];
+    if (!rec_ray_table_at(c->table, p->x, p->y, line, s))
+        return false;
+    for (int i = 0; i < 4; i++)
+        M[i] = s[i] + s[4 + i] * Z;
+    double over = 1 / (M[0] * M[3] - M[1] * M[2]);
+    const double B[4] = {c->fx * M[3] * over, -c->fx * M[1] * over, -c->fy * M[2] * over,
+                         c->fy * M[0] * over};
+    for (int r = 0; r < 2; r++) {
+        D[3 * r] = B[2 * r];
+        D[3 * r + 1] = B[2 * r + 1];
+        D[3 * r + 2] = -(B[2 * r] * line[2] + B[2 * r + 1] * line[3]);
+    }
+    return isfinite(over);
+}
+
 bool rec_camera_slopes(const struct rec_camera *c, const double X[3], struct rec_projection *out,
                        double D[6])
 {
@@ -247,6 +273,8 @@ bool rec_camera_slopes(const struct rec_camera *c, const double X[3], struct rec
     if (!rec_camera_project_full(c, X, out) || (c->n_windows > 0 && !rec_glass_apparent(c, X, P)))
         return false;
     const double *J = out->J;
+    if (c->model == REC_RAYS)
+        return table_slopes(c, X, out, D);
     double Z = c->R[6] * P[0] + c->R[7] * P[1] + c->R[8] * P[2] + c->t[2];
     for (int r = 0; r < 2; r++) {
         double a = J[2 * r] / Z, b = J[2 * r + 1] / Z, *g = D + 3 * r;
@@ -430,6 +458,18 @@ static bool camera_turn(const struct rec_camera *c, double x, double y, double z
     return true;
 }
 
+static bool table_ray(const struct rec_camera *c, double x, double y, double origin[3],
+                      double dir[3])
+{
+    double line[4];
+    if (!rec_ray_table_at(c->table, x, y, line, NULL) || !camera_turn(c, line[2], line[3], 1, dir))
+        return false;
+    rec_camera_centre(c, origin);
+    for (int a = 0; a < 3; a++)
+        origin[a] += c->R[a] * line[0] + c->R[3 + a] * line[1];
+    return true;
+}
+
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
 {
     double x, y;
@@ -437,6 +477,8 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
         return false;
     if (c->model == REC_TELECENTRIC)
         return telecentric_ray(c, x, y, origin, dir) && rec_glass_pass(c, origin, dir);
+    if (c->model == REC_RAYS)
+        return table_ray(c, x, y, origin, dir);
     if (!camera_turn(c, x, y, 1, dir))
         return false;
     rec_camera_centre(c, origin);
@@ -462,6 +504,12 @@ double rec_camera_depth(const struct rec_camera *c, const double X[3])
         z += c->R[6 + a] * X[a];
     if (c->model == REC_TELECENTRIC)
         return z > 0 ? 1 : z;
+    if (c->model == REC_RAYS) { /* fx over pixels per metre */
+        struct rec_projection p;
+        double D[6];
+        double px = rec_camera_slopes(c, X, &p, D) ? sqrt(fabs(D[0] * D[4] - D[1] * D[3])) : 0;
+        return px > 0 ? c->fx / px : 0;
+    }
     if (c->model != REC_FISHEYE || !(z > 0))
         return z;
     rec_camera_centre(c, at);

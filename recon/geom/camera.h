@@ -12,6 +12,8 @@
  *     M = R_y(tau_y) R_x(tau_x),  (a,b,c) = M (x',y',1),
  *     (x',y') <- (M33 a - M13 c, M33 b - M23 c) / c                                                 (6)
  * Telecentric: (x',y') = (X_cam, Y_cam) in metres, so fx and fy are pixels per metre; it has no distortion.    (7)
+ * Rays: a ray per pixel from a file, interpolated between pixels (ray_table.h); (x',y') is the pixel in the file.
+ * R and t are axes along their mean.  Points are projected by Newton's method.                                  (9)
  * Windows: flat plates of glass with air on both sides.  A plate (unit normal N, thickness T, index n) leaves the
  * direction d of a ray as it is and moves the ray, by Snell's law at both faces, by
  *     S(d) = T (1 - g / sqrt(n^2 - 1 + g^2)) N,   g = N.d                                            (8)
@@ -41,7 +43,8 @@ struct rec_uncertainty {
 
 #define REC_WINDOWS 4 /* of a camera, at most */
 
-enum rec_camera_model { REC_PINHOLE, REC_FISHEYE, REC_SCHEIMPFLUG, REC_TELECENTRIC };
+enum rec_camera_model { REC_PINHOLE, REC_FISHEYE, REC_SCHEIMPFLUG, REC_TELECENTRIC, REC_RAYS };
+struct rec_ray_table;
 
 /* A flat plate of glass in air, between the camera and the volume. */
 struct rec_glass {
@@ -68,6 +71,7 @@ struct rec_camera {
     double tilt[2];    /* rad, of a Scheimpflug's sensor; else 0 */
     int32_t n_windows; /* 0: in air */
     struct rec_glass window[REC_WINDOWS];
+    const struct rec_ray_table *table; /* of REC_RAYS, else NULL; the process owns it */
     struct rec_blur
         blur; /* bundle.h; a pixel's middle ray and the projection of a point do not depend on it */
     struct rec_uncertainty uncertainty;
@@ -84,7 +88,7 @@ bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv
 /* The same, but also false when the pixel is outside the picture. */
 bool rec_camera_sees(const struct rec_camera *c, const double X[3], double uv[2]);
 
-/* The same as rec_camera_project, with intermediate values: (x,y) of (1), or (X_cam,Y_cam) of (7), and
+/* The same as rec_camera_project, with intermediate values: (x,y) of (1), or (X_cam,Y_cam) of (7), or (x',y') of (9), and
  * J = d(u,v)/d(x,y), row major, px.  Behind windows they are those of X - S. */
 struct rec_projection {
     double x, y, u, v, J[4];

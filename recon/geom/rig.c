@@ -162,19 +162,15 @@ static pvx_err read_model(const struct reader *r, int node, const char *path, st
     char full[96];
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(full, sizeof full, "%s.model", path);
-    for (int i = REC_PINHOLE; i <= REC_TELECENTRIC; i++)
+    for (int i = REC_PINHOLE; i <= REC_RAYS; i++)
         if (strcmp(name, rec_camera_model_name((enum rec_camera_model)i)) == 0) {
             c->model = (enum rec_camera_model)i;
             return PVX_OK;
         }
-    if (strcmp(name, "rays") == 0)
-        return pvx_yaml_fail(r->y, node, full, PVX_EUNSUP, r->d,
-                             "a ray per pixel from a file is not supported: describe the optics as "
-                             "pinhole, fisheye, scheimpflug or telecentric, with windows and blur");
     return pvx_yaml_fail(
         r->y, node, full, PVX_EINVAL, r->d,
         "'%s' is not known; pinhole, fisheye (OpenCV's, also called equidistant), scheimpflug "
-        "(OpenCV's tilted sensor) or telecentric",
+        "(OpenCV's tilted sensor), telecentric or rays (a ray per pixel from a file)",
         name);
 }
 
@@ -353,8 +349,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     int32_t size[2];
     snprintf(path, sizeof path, "cameras[%zu]", index);
     PVX_TRY(pvx_yaml_known(
-        r->y, m, path, "name size K distortion model R t windows blur gain photometry uncertainty",
-        r->d));
+        r->y, m, path,
+        "name size K distortion model rays R t windows blur gain photometry uncertainty", r->d));
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
@@ -369,8 +365,13 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     PVX_TRY(integers(r, m, path, "size", 2, 16384, size));
     c->width = size[0];
     c->height = size[1];
-    PVX_TRY(read_lens(r, m, path, c));
-    PVX_TRY(read_pose(r, m, path, c));
+    node = pvx_yaml_get(r->y, m, "model");
+    if (node != 0 && strcmp(pvx_yaml_text(r->y, node), "rays") == 0) {
+        PVX_TRY(rec_rays_read(r->y, m, path, r->name, c, r->d));
+    } else {
+        PVX_TRY(read_lens(r, m, path, c));
+        PVX_TRY(read_pose(r, m, path, c));
+    }
     if ((node = pvx_yaml_get(r->y, m, "windows")) != 0)
         PVX_TRY(rec_windows_read(r->y, node, path, &rig->grid, c, r->d));
     if ((node = pvx_yaml_get(r->y, m, "blur")) != 0)
@@ -490,10 +491,14 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         double K[4] = {c->fx, c->fy, c->cx, c->cy};
         double gain[3] = {c->gain[0], c->gain[1], c->gain[2]};
         fprintf(f, "  - name: %s\n    size: [%d, %d]\n", c->name, c->width, c->height);
-        rig_put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
-        rig_put_lens(f, c);
-        rig_put_list(f, "    R", c->R, 9, "\n");
-        rig_put_list(f, "    t", c->t, 3, "\n");
+        if (c->model == REC_RAYS) {
+            rec_rays_write(f, c);
+        } else {
+            rig_put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
+            rig_put_lens(f, c);
+            rig_put_list(f, "    R", c->R, 9, "\n");
+            rig_put_list(f, "    t", c->t, 3, "\n");
+        }
         rec_windows_write(f, c);
         rec_blur_write(f, c);
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
@@ -649,6 +654,8 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
         hash_doubles(&h, extra, rec_window_numbers(c, extra));
         if (c->model == REC_SCHEIMPFLUG)
             hash_doubles(&h, c->tilt, 2);
+        double table[2];
+        hash_doubles(&h, table, rec_rays_numbers(c, table));
         const double blur[] = {-1, c->blur.sigma, c->blur.aperture, c->blur.focus};
         if (blur[1] > 0 || blur[2] > 0)
             hash_doubles(&h, blur, 4);

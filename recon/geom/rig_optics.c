@@ -1,8 +1,12 @@
 #include "recon/geom/rig_optics.h"
 
+#include <limits.h>
 #include <math.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "recon/geom/bundle.h"
+#include "recon/geom/ray_table.h"
 
 #define MAX_COORD 1e6 /* m, as in rig.c */
 
@@ -107,10 +111,10 @@ static pvx_err blur_lens(const pvx_yaml *y, int map, const char *path, const str
         return pvx_yaml_fail(
             y, map, path, PVX_EFORMAT, d,
             "should have the key 'sigma' (px), or both 'aperture' and 'focus' (m)");
-    if (c->model == REC_FISHEYE || c->model == REC_TELECENTRIC)
+    if (c->model != REC_PINHOLE && c->model != REC_SCHEIMPFLUG)
         return pvx_yaml_fail(
             y, node, path, PVX_EUNSUP, d,
-            "an aperture is for model pinhole and scheimpflug; a %s has sigma only",
+            "an aperture is for model pinhole and scheimpflug; model %s has sigma only",
             rec_camera_model_name(c->model));
     snprintf(full, sizeof full, "%s.aperture", path);
     PVX_TRY(pvx_yaml_double(y, node, full, 1e-9, 10, &c->blur.aperture, d));
@@ -173,4 +177,66 @@ size_t rec_window_numbers(const struct rec_camera *c, double out[6 * REC_WINDOWS
         out[n++] = w->index;
     }
     return n;
+}
+
+/* ---- a ray per pixel -------------------------------------------------------------------------- */
+
+/* The absolute path of the file: a rig that is written elsewhere still finds it. */
+static bool rays_path(const char *rig, const char *file, char out[REC_RAY_TABLE_FILE])
+{
+    char path[PATH_MAX], full[PATH_MAX];
+    const char *slash = file[0] == '/' ? NULL : strrchr(rig, '/');
+    int folder = slash == NULL ? 0 : (int)(slash - rig) + 1;
+    int n = snprintf(path, sizeof path, "%.*s%s", folder, rig, file);
+    if (n < 0 || (size_t)n >= sizeof path)
+        return false;
+    n = snprintf(out, REC_RAY_TABLE_FILE, "%s", realpath(path, full) != NULL ? full : path);
+    return n < REC_RAY_TABLE_FILE && file[strcspn(file, "\"\\")] == '\0';
+}
+
+pvx_err rec_rays_read(const pvx_yaml *y, int map, const char *path, const char *name,
+                      struct rec_camera *c, struct pvx_diag *d)
+{
+    static const char *const others[] = {"K", "distortion", "R", "t", "windows"};
+    char full[80], file[REC_RAY_TABLE_FILE];
+    struct pvx_diag why = {""};
+    for (int i = 0; i < 5; i++)
+        if (pvx_yaml_get(y, map, others[i]) != 0)
+            return pvx_yaml_fail(y, pvx_yaml_get(y, map, others[i]), path, PVX_EINVAL, d,
+                                 "'%s' does not go with model: rays, whose file has the rays as "
+                                 "they cross the volume",
+                                 others[i]);
+    int node = pvx_yaml_get(y, map, "rays");
+    snprintf(full, sizeof full, "%s.rays", path);
+    if (node == 0 || pvx_yaml_kind(y, node) != PVX_YAML_SCALAR)
+        return pvx_yaml_fail(y, node != 0 ? node : map, full, PVX_EFORMAT, d,
+                             "model: rays needs rays: FILE.npy, [height][width][6] (ray_table.h)");
+    if (!rays_path(name, pvx_yaml_text(y, node), file))
+        return pvx_yaml_fail(y, node, full, PVX_EINVAL, d,
+                             "the path is longer than %d characters or has a quote in it; rename "
+                             "the file",
+                             REC_RAY_TABLE_FILE - 1);
+    pvx_err e = rec_ray_table_get(file, c->width, c->height, &c->table, &why);
+    if (e != PVX_OK)
+        return pvx_yaml_fail(y, node, full, e, d, "%.300s: %.600s", pvx_yaml_text(y, node),
+                             pvx_diag_text(&why, e));
+    c->model = REC_RAYS;
+    c->fx = c->fy = 1;
+    memcpy(c->R, c->table->R, sizeof c->R);
+    memcpy(c->t, c->table->t, sizeof c->t);
+    return PVX_OK;
+}
+
+void rec_rays_write(FILE *f, const struct rec_camera *c)
+{
+    fprintf(f, "    model: rays\n    rays: \"%s\"\n", c->table->file);
+}
+
+size_t rec_rays_numbers(const struct rec_camera *c, double out[2])
+{
+    if (c->model != REC_RAYS)
+        return 0;
+    out[0] = (double)(uint32_t)c->table->hash;
+    out[1] = (double)(uint32_t)(c->table->hash >> 32);
+    return 2;
 }

@@ -16,6 +16,13 @@ PVX_MUST_CHECK pvx_err rec_blur_read(const pvx_yaml *y, int map, const char *pat
 void rec_blur_write(FILE *f, const struct rec_camera *c);
 void rec_windows_write(FILE *f, const struct rec_camera *c);
 
+/* Reads `rays` of the camera `map`, whose size is known, in the file called `name`. */
+PVX_MUST_CHECK pvx_err rec_rays_read(const pvx_yaml *y, int map, const char *path, const char *name,
+                                     struct rec_camera *c, struct pvx_diag *d);
+void rec_rays_write(FILE *f, const struct rec_camera *c);
+/* Numbers of c's rays, for hashes; returns how many. */
+size_t rec_rays_numbers(const struct rec_camera *c, double out[2]);
+
 /* Numbers of c's windows, for hashes, into out[6 REC_WINDOWS]; returns how many. */
 size_t rec_window_numbers(const struct rec_camera *c, double out[6 * REC_WINDOWS]);
 #endif

@@ -50,8 +50,9 @@ pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camer
     double centre[3], D2 = 0, edge = 0, all = 0, axis[3] = {c->R[6], c->R[7], c->R[8]};
     size_t w = (size_t)p->width, h = (size_t)p->height;
     double count[3] = {0}, sum[3] = {0};
-    if (c->model == REC_TELECENTRIC)
-        return pvx_fail(d, PVX_EUNSUP, "a telecentric camera is not supported here");
+    if (c->model >= REC_TELECENTRIC)
+        return pvx_fail(d, PVX_EUNSUP, "model: %s is not supported here",
+                        rec_camera_model_name(c->model));
     rec_camera_centre(c, centre);
     for (int a = 0; a < 3; a++)
         D2 += (at[a] - centre[a]) * (at[a] - centre[a]);

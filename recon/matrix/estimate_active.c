@@ -167,7 +167,13 @@ double rec_sysmat_whole(const struct rec_rig *rig, const struct rec_sysmat_param
             d2 += d * d;
             h = fmax(h, rec_grid_h(g, a));
         }
-        d2 = k->model == REC_TELECENTRIC ? 1 : d2;
+        if (k->model >= REC_TELECENTRIC) {
+            double X[3];
+            for (int a = 0; a < 3; a++)
+                X[a] = 0.5 * (g->min[a] + g->max[a]);
+            d2 = rec_camera_depth(k, X);
+            d2 *= d2;
+        }
         struct rec_bundle b;
         rec_bundle_init(&b, k, p->binning, p->rays_per_bin, g);
         at_most = fmax(at_most, d2 > 0 ? fmax(k->fx, k->fy) * h / sqrt(d2) / p->binning +

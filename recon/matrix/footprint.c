@@ -373,9 +373,10 @@ static pvx_err footprint_project(struct job *j, pvx_pool *pool)
         j->c->n_windows > 0 && j->c->model != REC_TELECENTRIC ? rec_glass_bend(j->c, g) : 0;
     struct rec_bundle bundle;
     rec_bundle_init(&bundle, j->c, j->m->binning, j->m->rays_per_bin, g);
-    j->by_point = j->c->model == REC_TELECENTRIC || glass < 0;
+    j->by_point = j->c->model >= REC_TELECENTRIC || glass < 0;
     j->blurred = bundle.reach > 0;
-    j->bend = 1e-6 + fmax(glass, 0) * j->diagonal * j->diagonal / 4;
+    j->bend = (j->c->model == REC_RAYS ? 0.05 : 1e-6) + /* the slopes of rays are steps */
+              fmax(glass, 0) * j->diagonal * j->diagonal / 4;
     pvx_pool_run(pool, (size_t)((j->n[2] + j->slab - 1) / j->slab), footprint_slab, j);
     return atomic_load(&j->out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }

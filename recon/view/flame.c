@@ -362,7 +362,7 @@ void rec_flame_render(const struct rec_flame_pose *p, const struct rec_camera *c
     struct seen_blob blob[REC_FLAME_MAX_BLOBS];
     int n = 0;
     double centre[3];
-    if (c->n_windows > 0 || c->model == REC_TELECENTRIC || c->blur.sigma > 0 ||
+    if (c->n_windows > 0 || c->model >= REC_TELECENTRIC || c->blur.sigma > 0 ||
         c->blur.aperture > 0) {
         flame_render_rays(p, c, sub, y0, y1, image);
         return;

@@ -280,8 +280,6 @@ T_CASE(windows_and_other_rays)
     free(out);
     rec_rig_fini(&r);
     rec_rig_fini(&back);
-    refuse(HEAD CAM("a", "    model: rays\n"), PVX_EUNSUP,
-           "rig.yaml:9: cameras[0].model: a ray per pixel from a file is not supported");
     refuse(HEAD CAM("a", "    windows: 3\n"), PVX_EFORMAT,
            "rig.yaml:9: cameras[0].windows: should be a list of at most 4 windows");
     refuse(HEAD CAM("a", "    windows:\n      - { plane: [0, 0, 1, -1], n: 1.5 }\n"), PVX_EFORMAT,
@@ -346,7 +344,7 @@ T_CASE(blur_is_sigma_or_a_lens)
            "points of the volume become discs of radius");
     refuse(HEAD CAM("a", "    model: fisheye\n    blur: { aperture: 0.01, focus: 2 }\n"),
            PVX_EUNSUP,
-           "an aperture is for model pinhole and scheimpflug; a fisheye has sigma only");
+           "an aperture is for model pinhole and scheimpflug; model fisheye has sigma only");
 }
 
 T_CASE(messages_name_the_place)
