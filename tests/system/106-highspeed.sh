@@ -1,6 +1,6 @@
 #!/bin/bash
 # highspeed: Recordings of high-speed cameras, from their files to volumes: the same to the bit as of the same pictures in .npy.
-name=105
+name=106
 . "$(dirname "$0")/lib.sh"
 convert="$py $PWD/tests/lib/highspeed.py"
 cd "$dir" || exit 1
