@@ -27,22 +27,31 @@ pvx_err aravis_chunks_init(struct aravis_chunks *k, const struct cap_source_conf
 {
     memset(k, 0, sizeof *k);
     GError *err = NULL;
-    if (!c->chunks) {
+    if (!c->chunks && !c->lines) {
         /* chunks that another program left on would only cost time */
         if (!aravis_asks(c, "ChunkModeActive") && arv_camera_are_chunks_available(cam, NULL))
             arv_camera_set_chunk_mode(cam, FALSE, NULL);
         return PVX_OK;
     }
     if (!arv_camera_are_chunks_available(cam, NULL))
-        return aravis_lacks(c, cam, "chunks", "ChunkModeActive", d);
+        return aravis_lacks(c, cam, c->chunks ? "chunks" : "triggers: when: line",
+                            "ChunkModeActive", d);
     arv_camera_set_chunk_mode(cam, TRUE, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EINVAL, "chunks", &err, d);
-    k->exposure = enable(cam, "ExposureTime", "ChunkExposureTime");
-    k->gain = enable(cam, "Gain", "ChunkGain");
-    k->id = enable(cam, "FrameID", "ChunkFrameID");
-    k->time = enable(cam, "Timestamp", "ChunkTimestamp");
-    if (!k->exposure && !k->gain)
+    if (c->chunks) {
+        k->exposure = enable(cam, "ExposureTime", "ChunkExposureTime");
+        k->gain = enable(cam, "Gain", "ChunkGain");
+        k->id = enable(cam, "FrameID", "ChunkFrameID");
+        k->time = enable(cam, "Timestamp", "ChunkTimestamp");
+    }
+    k->lines = c->lines && enable(cam, "LineStatusAll", "ChunkLineStatusAll");
+    if (c->lines && !k->lines)
+        return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
+                        "triggers: when: line: the camera does not send ChunkLineStatusAll, the "
+                        "levels of its lines, with its frames: name a camera that does, or take "
+                        "another condition");
+    if (c->chunks && !k->exposure && !k->gain)
         return CAP_FAIL(c, "aravis", d, PVX_EINVAL,
                         "chunks refused: the camera sends neither exposure "
                         "time nor gain with its frames");
@@ -92,6 +101,12 @@ bool aravis_chunks_read(struct aravis_chunks *k, ArvBuffer *b, struct cap_frame 
     if ((k->exposure && !read_float(k, b, "ChunkExposureTime", &f->exposure_us)) ||
         (k->gain && !read_float(k, b, "ChunkGain", &f->gain)))
         return false;
+    if (k->lines) {
+        if (!read_int(k, b, "ChunkLineStatusAll", &n))
+            return false;
+        f->lines = (uint64_t)n;
+        f->lines_known = true;
+    }
     if (k->id) {
         if (!read_int(k, b, "ChunkFrameID", &n))
             return false;

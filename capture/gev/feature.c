@@ -246,8 +246,8 @@ static void ruled_by(const struct cap_source_config *c, const char *name, char *
         snprintf(out, size, "gige.packet_delay_ns: %d", c->gige.packet_delay);
     else if (g_str_has_prefix(name, "Action") && c->trigger == CAP_TRIGGER_ACTION)
         snprintf(out, size, "action");
-    else if (g_str_has_prefix(name, "Chunk") && c->chunks)
-        snprintf(out, size, "chunks: true");
+    else if (g_str_has_prefix(name, "Chunk") && (c->chunks || c->lines))
+        snprintf(out, size, c->chunks ? "chunks: true" : "triggers: when: line");
 }
 
 /* Whether a later line sets the feature again, and that under the same selectors. */

@@ -122,6 +122,10 @@ static struct cap_image stream_image_of(ArvBuffer *b, const unsigned char *mem, 
     img.height = arv_buffer_get_image_height(b);
     img.fmt = cap_pixfmt_from_pfnc(arv_buffer_get_image_pixel_format(b));
     img.stride = (ptrdiff_t)cap_pixfmt_row(img.fmt, img.width) + x_pad;
+    size_t rows;
+    if (img.stride > x_pad && img.height > 0 &&
+        !__builtin_mul_overflow((size_t)img.stride, (size_t)img.height, &rows) && rows < img.size)
+        img.size = rows; /* without the chunk data behind it */
     return img;
 }
 
@@ -212,6 +216,8 @@ static void stream_done(struct aravis_source *s, ArvBuffer *b)
     f->t_arrival_mono_ns = mono;
     f->exposure_us = said.exposure_us;
     f->gain = said.gain;
+    f->lines = said.lines;
+    f->lines_known = said.lines_known;
     s->sink.push(s->sink.ctx, f);
 }
 

@@ -161,7 +161,8 @@ static void tell_unread_chunks(struct aravis_source *s, bool *told)
     *told = true;
     CAP_LOG(PVX_LOG_WARN, &s->c, "aravis", "chunks",
             "its chunk data are of a kind that Aravis does not read (payload "
-            "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown");
+            "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown%s",
+            s->c.lines ? ", and triggers with when: line do not fire" : "");
 }
 
 /* ---- the loop --------------------------------------------------------------------------------- */

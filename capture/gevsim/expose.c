@@ -87,7 +87,7 @@ static void expose_frame(struct cap_gvcam *c, int64_t moment, int64_t index, int
     struct gvcam_shot s = {.id = c->expose.id,
                            .index = c->link->shown > 0 ? c->link->shown - 1 : index,
                            .ticks = gvcam_clock_ticks(&c->clock, gvcam_clock_ns(&c->clock, moment)),
-                           .line = c->link->line_level,
+                           .line = gvcam_lines(c),
                            .count = c->expose.frame_count++,
                            .exposure_us = gvcam_float(c, GVF_EXPOSURE),
                            .gain = gvcam_float(c, GVF_GAIN)};

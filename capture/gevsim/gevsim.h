@@ -40,6 +40,11 @@ struct cap_gvcam {
     struct gvcam_control control;
 };
 
+/* LineStatusAll. */
+static inline uint32_t gvcam_lines(const struct cap_gvcam *c)
+{
+    return c->link->line_level | (uint32_t)c->fault.inputs;
+}
 static inline bool gvcam_chance(struct cap_gvcam *c, double share)
 {
     return share > 0 && pvx_uniform(&c->rng) < share;

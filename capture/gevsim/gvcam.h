@@ -92,15 +92,16 @@ struct cap_gvcam_fault {
     double wrong_size;         /* share of frames with another width announced, or cut short */
     double corrupt;            /* share of frames with a garbled packet head or a packet too long */
     double miss;               /* share of triggers ignored: no number is used up */
-    double hostile;            /* share of frames, and of acknowledges, after malformed packets */
-    double ptp_offset_us;      /* a badly synchronised PTP slave is off by this, and reports it */
-    double late;        /* frames: the image is from so many frames before, the stamp is not */
-    bool freeze;        /* the same image and stamp again and again */
-    bool still;         /* the same image, but stamps go on */
-    bool stuck_clock;   /* the device clock stands still, and so do stamps */
-    bool no_ptp_master; /* PTP stays at Listening, or falls back to it */
-    bool ptp_master;    /* it hears no other master and is one itself, by its own clock */
-    bool lock_trigger;  /* TriggerMode and TriggerSource cannot be set while it takes frames */
+    double inputs;  /* levels of its lines: bits of LineStatusAll, beside the trigger line's (0) */
+    double hostile; /* share of frames, and of acknowledges, after malformed packets */
+    double ptp_offset_us; /* a badly synchronised PTP slave is off by this, and reports it */
+    double late;          /* frames: the image is from so many frames before, the stamp is not */
+    bool freeze;          /* the same image and stamp again and again */
+    bool still;           /* the same image, but stamps go on */
+    bool stuck_clock;     /* the device clock stands still, and so do stamps */
+    bool no_ptp_master;   /* PTP stays at Listening, or falls back to it */
+    bool ptp_master;      /* it hears no other master and is one itself, by its own clock */
+    bool lock_trigger;    /* TriggerMode and TriggerSource cannot be set while it takes frames */
     struct cap_optics optics; /* for `renew`; healthy is cap_optics_none, not 0 */
 };
 

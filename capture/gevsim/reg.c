@@ -64,8 +64,8 @@ static uint32_t read_feature(struct cap_gvcam *c, unsigned k, int64_t now)
     case GVF_PTP_STATUS: return c->reg.ptp_status_latched;
     case GVF_PTP_OFFSET: return (uint32_t)((uint64_t)c->reg.ptp_offset_latched >> 32);
     case GVF_PTP_OFFSET_LOW: return (uint32_t)c->reg.ptp_offset_latched;
-    case GVF_LINE_STATUS: return c->link->line_level & 1;
-    case GVF_LINE_STATUS_ALL: return c->link->line_level;
+    case GVF_LINE_STATUS: return gvcam_lines(c) & 1;
+    case GVF_LINE_STATUS_ALL: return gvcam_lines(c);
     case GVF_CHUNK_ENABLE: return c->reg.v[GVF_CHUNKS_ON] >> c->reg.v[GVF_CHUNK_SELECTOR] & 1;
     case GVF_PAYLOAD_SIZE: return gvcam_payload(c);
     case GVF_RESULTING_RATE: return bits_of((float)gvcam_expose_rate(c));

@@ -304,6 +304,8 @@ bool cap_assemble_some(struct cap_capture *cap, bool wait)
     int64_t now;
     struct cap_frame *f = wait_for_frame(cap, wait, &alive, &end, &now);
     assembly_set_alive(cap, alive);
+    if (f != NULL && cap->cfg.look != NULL)
+        cap->cfg.look(cap->cfg.look_ctx, f);
     if (f == NULL) {
         if (!cap->cfg.lossless)
             cap_assembler_tick(cap->assembler, now);

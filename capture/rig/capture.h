@@ -51,6 +51,10 @@ struct cap_capture_config {
     bool shared_clock;                /* device clocks are the host's (PTP, simulation): identity */
     bool lossless;                    /* replay: back-pressure instead of dropping */
     struct cap_tap tap;
+    /* Sees each good frame before it is grouped, each camera's in order of exposure; or NULL.  Called by the assembler's
+     * thread, so it must not wait. */
+    void (*look)(void *ctx, const struct cap_frame *f);
+    void *look_ctx;
     uint32_t discard_first; /* live frames per camera dropped after each start, uncounted
                                           (the first is often bad); 1 is a good value; cameras with
                                           clocks of their own: up to 8 in any case (intake.c) */

@@ -23,6 +23,8 @@ struct cap_frame {
     uint64_t set;
     uint32_t set_size;
     double exposure_us, gain; /* used for this frame, as the camera reports; NAN = not reported */
+    uint64_t lines;           /* levels of its lines, bit as in LineStatusAll (SFNC), if */
+    bool lines_known;         /* the camera reports them with the frame */
     void (*release)(struct cap_frame *f);
     void *owner;
 };
@@ -135,7 +137,8 @@ struct cap_source_config {
     bool ptp;                      /* camera clocks are to be synchronized (IEEE 1588) */
     double ptp_offset_us;          /* largest offset from the master; 0 = 10 */
     bool chunks;                   /* exposure and gain of each frame in its data */
-    unsigned buffers;              /* frames in the pool, 4..CAP_BUFFERS_MAX */
+    bool lines;       /* levels of its lines likewise (cap_frame.lines); aravis: only */
+    unsigned buffers; /* frames in the pool, 4..CAP_BUFFERS_MAX */
     /* Of these, frames that a receiver beside the consumer keeps for long (take/ring.h); cap_source_memory. */
     unsigned held;
     bool again; /* the camera was open before; frames of that time may still be kept */

@@ -12,10 +12,10 @@
 #define TIME_MAX    (INT64_MAX / PVX_NS_PER_S)
 #define LEVEL_MAX   1e12
 
-const char *const dmn_when_names[DMN_N_WHEN] = {"order",  "at",      "light",   "height",
-                                                "change", "appears", "vanishes"};
+const char *const dmn_when_names[DMN_N_WHEN] = {"order",  "at",     "line",    "light",
+                                                "height", "change", "appears", "vanishes"};
 /* Light: emission per metre, integrated over the box. */
-const char *const dmn_when_units[DMN_N_WHEN] = {"", "", "m2", "m", "%", "voxels", "voxels"};
+const char *const dmn_when_units[DMN_N_WHEN] = {"", "", "", "m2", "m", "%", "voxels", "voxels"};
 
 /* "8GB", "500 MB", or a number of bytes. */
 static pvx_err read_bytes(const pvx_yaml *y, int node, const char *key, double *out,
@@ -145,8 +145,8 @@ static pvx_err read_when(const pvx_yaml *y, int map, const char *key, struct dmn
             return PVX_OK;
         }
     return pvx_yaml_fail(y, when, key, PVX_EINVAL, d,
-                         "when: '%.40s' is not one of order, light, height, change, appears, "
-                         "vanishes",
+                         "when: '%.40s' is not one of order, line, light, height, change, "
+                         "appears, vanishes",
                          pvx_yaml_text(y, when));
 }
 
@@ -166,18 +166,47 @@ static pvx_err read_box(const pvx_yaml *y, int map, const char *key, struct dmn_
     return PVX_OK;
 }
 
+/* The line that the condition has, and no other may have. */
+static pvx_err read_line(const pvx_yaml *y, int map, const char *key, struct dmn_trigger *t,
+                         struct pvx_diag *d)
+{
+    int camera = pvx_yaml_get(y, map, "camera"), line = pvx_yaml_get(y, map, "line");
+    if (t->when != DMN_WHEN_LINE)
+        return camera == 0 && line == 0
+                   ? PVX_OK
+                   : pvx_yaml_fail(y, camera != 0 ? camera : line, key, PVX_EINVAL, d,
+                                   "%s needs when: line", camera != 0 ? "camera" : "line");
+    if (camera == 0 || line == 0)
+        return pvx_yaml_fail(y, map, key, PVX_EINVAL, d,
+                             "when: line needs %s: add camera: NAME and line: N, its bit of "
+                             "LineStatusAll",
+                             camera == 0 ? "a camera" : "a line");
+    const char *name = pvx_yaml_text(y, camera);
+    bool good = name[0] != '\0' && strlen(name) < sizeof t->camera;
+    for (const char *p = name; *p != '\0'; p++)
+        good = good && (isalnum((unsigned char)*p) || strchr("._-", *p) != NULL);
+    if (!good)
+        return pvx_yaml_fail(y, camera, key, PVX_EINVAL, d, "camera: '%.40s' is not a name", name);
+    snprintf(t->camera, sizeof t->camera, "%s", name);
+    char path[128];
+    snprintf(path, sizeof path, "%.90s.line", key);
+    return pvx_yaml_int(y, line, path, 0, 63, &t->line, d);
+}
+
 /* Levels that the condition has, and no others. */
 static pvx_err read_levels(const pvx_yaml *y, int map, const char *key, struct dmn_trigger *t,
                            struct pvx_diag *d)
 {
-    bool condition = t->when >= DMN_WHEN_LIGHT,
+    bool condition = t->when >= DMN_WHEN_LIGHT, line = t->when == DMN_WHEN_LINE,
          counts = t->when == DMN_WHEN_APPEARS || t->when == DMN_WHEN_VANISHES;
     int above = pvx_yaml_get(y, map, "above");
     static const char *const levels[] = {"above", "release", "box", "hold_off", "agree"};
     for (size_t i = 0; i < sizeof levels / sizeof levels[0] && !condition; i++)
-        if (pvx_yaml_get(y, map, levels[i]) != 0)
+        if (pvx_yaml_get(y, map, levels[i]) != 0 && !(line && strcmp(levels[i], "hold_off") == 0))
             return pvx_yaml_fail(y, pvx_yaml_get(y, map, levels[i]), key, PVX_EINVAL, d,
-                                 "%s needs a condition: add when: light", levels[i]);
+                                 line ? "when: line has no %s: leave it out"
+                                      : "%s needs a condition: add when: light",
+                                 levels[i]);
     if (condition && !counts && above == 0)
         return pvx_yaml_fail(y, map, key, PVX_EINVAL, d,
                              "when: %s needs a level: add above (`pyrovox advise` proposes one)",
@@ -203,10 +232,11 @@ static pvx_err read_trigger(const pvx_yaml *y, int map, const char *key, struct 
     if (pvx_yaml_kind(y, map) != PVX_YAML_MAP)
         return pvx_yaml_fail(y, map, key, PVX_EFORMAT, d,
                              "should be a mapping as { name: ignition, when: appears }");
-    PVX_TRY(
-        pvx_yaml_known(y, map, key, "name when at above release box pre post hold_off agree", d));
+    PVX_TRY(pvx_yaml_known(
+        y, map, key, "name when at camera line above release box pre post hold_off agree", d));
     PVX_TRY(read_name(y, map, key, t, d));
     PVX_TRY(read_when(y, map, key, t, d));
+    PVX_TRY(read_line(y, map, key, t, d));
     PVX_TRY(read_levels(y, map, key, t, d));
     t->agree = t->when == DMN_WHEN_CHANGE ? 1 : 2;
     PVX_TRY(read_seconds(y, map, key, "pre", &t->pre, d));
@@ -268,6 +298,9 @@ void dmn_triggers_print(FILE *f, const struct dmn_triggers *t)
         } else {
             fprintf(f, "when: %s, ", dmn_when_names[k->when]);
         }
+        if (k->when == DMN_WHEN_LINE)
+            fprintf(f, "camera: \"%s\", line: %lld, hold_off: %.17g, ", k->camera,
+                    (long long)k->line, k->hold_off);
         if (k->when >= DMN_WHEN_LIGHT)
             fprintf(f, "above: %.17g, release: %.17g, hold_off: %.17g, agree: %lld, ", k->above,
                     k->release, k->hold_off, (long long)k->agree);

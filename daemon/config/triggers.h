@@ -3,6 +3,7 @@
  *     record: { ring: { seconds: 5, memory: 8GB } }
  *     triggers:
  *       - { name: ignition, when: appears, pre: 2, post: 3 }
+ *       - { name: spark, when: line, camera: cam2, line: 1 }
  *       - { name: bright, when: light, above: 0.02, release: 0.01, box: [-0.1, -0.1, 0, 0.1, 0.1, 0.2] }
  *
  * Threads: constant once read. */
@@ -13,8 +14,9 @@
 #include <stdio.h>
 #include "base/yaml.h"
 
-#define DMN_TRIGGERS_MAX     16
-#define DMN_TRIGGER_NAME_MAX 32
+#define DMN_TRIGGERS_MAX       16
+#define DMN_TRIGGER_NAME_MAX   32
+#define DMN_TRIGGER_CAMERA_MAX 64
 
 struct dmn_ring {
     double seconds;   /* 0 = there is no ring */
@@ -26,7 +28,8 @@ struct dmn_ring {
 enum dmn_when {
     DMN_WHEN_ORDER,    /* a command */
     DMN_WHEN_AT,       /* a time */
-    DMN_WHEN_LIGHT,    /* light in a box */
+    DMN_WHEN_LINE,     /* a camera's input line rises */
+    DMN_WHEN_LIGHT,    /* light in a box; this and all that follow are conditions on volumes */
     DMN_WHEN_HEIGHT,   /* of the flame */
     DMN_WHEN_CHANGE,   /* of the light from set to set */
     DMN_WHEN_APPEARS,  /* a hull: ignition */
@@ -40,7 +43,9 @@ extern const char *const dmn_when_units[DMN_N_WHEN];
 struct dmn_trigger {
     char name[DMN_TRIGGER_NAME_MAX];
     enum dmn_when when;
-    int64_t at_ns;         /* AT: UTC */
+    int64_t at_ns;                       /* AT: UTC */
+    char camera[DMN_TRIGGER_CAMERA_MAX]; /* LINE: its name, */
+    int64_t line;                        /* and the bit of LineStatusAll */
     double above, release; /* fires above the one, is ready again at or below the other */
     bool boxed;
     double box[6];    /* x y z of one corner, x y z of the other, m */

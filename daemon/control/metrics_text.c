@@ -165,13 +165,15 @@ static void ring_metrics(FILE *f, const struct dmn_state *s)
         control_label(f, "trigger", s->triggers.item[i].name);
         fprintf(f, "} %llu\n", (unsigned long long)s->triggers.item[i].fired);
     }
-    family(f, "trigger_value", "gauge", "what a trigger judged in the last volume");
+    family(f, "trigger_value", "gauge", "what a trigger judged last");
     for (size_t i = 0; i < s->triggers.n; i++) {
+        if (isnan(s->triggers.item[i].value)) /* a line of which nothing is known yet */
+            continue;
         fputs("pyrovox_trigger_value{", f);
         control_label(f, "trigger", s->triggers.item[i].name);
         fprintf(f, "} %.9g\n", s->triggers.item[i].value);
     }
-    family(f, "trigger_latency_seconds", "summary", "from a set's exposure to the trigger's event");
+    family(f, "trigger_latency_seconds", "summary", "from the exposure to the trigger's event");
     fprintf(f, "pyrovox_trigger_latency_seconds{quantile=\"0.5\"} %.9g\n",
             s->triggers.latency_p50_ms * 1e-3);
     fprintf(f, "pyrovox_trigger_latency_seconds{quantile=\"0.99\"} %.9g\n",

@@ -76,6 +76,12 @@ static pvx_err find_light(dmn_live *l, struct pvx_diag *d)
     return dmn_photometry_load(path, DMN_LIGHT_ALL, &l->rig, &l->light, d);
 }
 
+static void live_look(void *ctx, const struct cap_frame *f)
+{
+    dmn_live *l = ctx;
+    dmn_triggers_frame(l->triggers, l->rig.cameras[f->camera].name, f);
+}
+
 /* Check all that can be wrong in configuration and rig, before anything that takes long. */
 static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
 {
@@ -101,6 +107,10 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     if (dmn_recording_ring(l->recording) != NULL)
         PVX_TRY(dmn_triggers_new(c, dmn_recording_ring(l->recording), &l->triggers));
     l->out.triggers = l->triggers;
+    for (size_t i = 0; i < l->rig.n_cameras; i++)
+        if (l->sources.source[i].lines)
+            l->sources.capture.look = live_look;
+    l->sources.capture.look_ctx = l;
     PVX_TRY(dmn_beside_new(c, *session, &l->beside, d));
     PVX_TRY(find_light(l, d)); /* sets gains of the rig to 1; the recording has copied them */
     PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));

@@ -124,6 +124,30 @@ static pvx_err named_once(const struct dmn_config *c, const struct dmn_sources *
     return PVX_OK;
 }
 
+/* The cameras that triggers name have lines, and are to report them. */
+static pvx_err sources_lines(struct dmn_sources *s, const struct dmn_config *c,
+                             const struct rec_rig *rig, struct pvx_diag *d)
+{
+    for (size_t i = 0; i < c->triggers.n; i++) {
+        const struct dmn_trigger *k = &c->triggers.item[i];
+        if (k->when != DMN_WHEN_LINE)
+            continue;
+        int n = rec_rig_find(rig, k->camera);
+        if (n < 0)
+            return pvx_fail(d, PVX_EINVAL,
+                            "%s: triggers: %s: there is no camera '%s': name one of "
+                            "the rig",
+                            c->name, k->name, k->camera);
+        if (strncmp(s->uri[n], "aravis:", 7) != 0)
+            return pvx_fail(d, PVX_EINVAL,
+                            "%s: triggers: %s: %s is '%s', and only aravis: cameras (GigE Vision) "
+                            "report their lines: name such a camera, or take another condition",
+                            c->name, k->name, k->camera, s->uri[n]);
+        s->source[n].lines = true;
+    }
+    return PVX_OK;
+}
+
 pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                          const struct rec_rig *rig, const struct cap_scene *scene,
                          struct pvx_diag *d)
@@ -156,6 +180,7 @@ pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                                                   .scene = scene};
         PVX_TRY(sources_features(s, c, k->name, &s->source[i], d));
     }
+    PVX_TRY(sources_lines(s, c, rig, d));
     /* in the order of the option's words */
     static const enum cap_policy policies[] = {CAP_POLICY_DROP, CAP_POLICY_PARTIAL, CAP_POLICY_WAIT,
                                                CAP_POLICY_PARTIAL};

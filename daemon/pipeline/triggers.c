@@ -26,6 +26,10 @@ struct dmn_triggers_run {
         double light;            /* of the set before; < 0 = none */
         bool done;               /* AT */
     } watched[DMN_TRIGGERS_MAX]; /* the publish stage's */
+    struct wire {
+        bool known, high; /* in the last frame */
+        int64_t until_ns;
+    } wire[DMN_TRIGGERS_MAX]; /* LINE: the thread's that brings frames */
 
     pthread_mutex_t lock;
     struct fired {
@@ -115,11 +119,12 @@ double dmn_trigger_value(const struct dmn_trigger *k, const struct rec_sparse *v
 static void triggers_fire(dmn_triggers_run *t, const struct dmn_trigger *k, double value,
                           int64_t t_ns, int64_t set)
 {
-    struct cap_take_trigger o = {.t_ns = t_ns,
-                                 .set = set,
-                                 .latency_ns = set >= 0 ? pvx_now_real() - t_ns : -1,
-                                 .t_from_ns = t_ns - (int64_t)(k->pre * 1e9),
-                                 .t_to_ns = t_ns + (int64_t)(k->post * 1e9)};
+    struct cap_take_trigger o = {
+        .t_ns = t_ns,
+        .set = set,
+        .latency_ns = set >= 0 || k->when == DMN_WHEN_LINE ? pvx_now_real() - t_ns : -1,
+        .t_from_ns = t_ns - (int64_t)(k->pre * 1e9),
+        .t_to_ns = t_ns + (int64_t)(k->post * 1e9)};
     snprintf(o.name, sizeof o.name, "%s", k->name);
     if (cap_ring_trigger(t->ring, &o) != PVX_OK)
         return; /* the daemon stops */
@@ -190,6 +195,36 @@ void dmn_triggers_look(dmn_triggers_run *t, const struct rec_sparse *v, uint64_t
     pthread_mutex_unlock(&t->lock);
 }
 
+static void triggers_wire(dmn_triggers_run *t, size_t i, const struct cap_frame *f)
+{
+    const struct dmn_trigger *k = &t->cfg->triggers.item[i];
+    struct wire *w = &t->wire[i];
+    const struct wire was = *w;
+    w->known = true;
+    w->high = (f->lines >> k->line & 1) != 0;
+    if (was.known && was.high == w->high)
+        return;
+    pthread_mutex_lock(&t->lock);
+    t->state.item[i].value = w->high;
+    t->state.item[i].ready = !w->high;
+    pthread_mutex_unlock(&t->lock);
+    if (!was.known || !w->high || f->t_exposure_ns < w->until_ns)
+        return;
+    w->until_ns = f->t_exposure_ns + (int64_t)(k->hold_off * 1e9);
+    triggers_fire(t, k, 1, f->t_exposure_ns, -1);
+}
+
+void dmn_triggers_frame(dmn_triggers_run *t, const char *camera, const struct cap_frame *f)
+{
+    if (t == NULL || !f->lines_known)
+        return;
+    for (size_t i = 0; i < t->cfg->triggers.n; i++) {
+        const struct dmn_trigger *k = &t->cfg->triggers.item[i];
+        if (k->when == DMN_WHEN_LINE && strcmp(k->camera, camera) == 0)
+            triggers_wire(t, i, f);
+    }
+}
+
 void dmn_triggers_tick(dmn_triggers_run *t, int64_t now_ns)
 {
     for (size_t i = 0; t != NULL && i < t->cfg->triggers.n; i++) {
@@ -236,12 +271,15 @@ void dmn_triggers_events(dmn_triggers_run *t, const struct dmn_events_listener *
         if (any) {
             f = t->fired[0];
             memmove(&t->fired[0], &t->fired[1], --t->n_fired * sizeof f);
-            if (f.t.set >= 0 && !t->replay)
+            if ((f.t.set >= 0 || f.when == DMN_WHEN_LINE) && !t->replay)
                 pvx_hist_add(&t->latency, now - f.t.t_ns);
         }
         pthread_mutex_unlock(&t->lock);
         if (!any)
             return;
+        if (f.when == DMN_WHEN_LINE)
+            LOG_I(DAEMON, "trigger %s: its line is high, %.1f ms after the exposure", f.t.name,
+                  (double)(now - f.t.t_ns) * 1e-6);
         if (event_text(&f, now, text, sizeof text) > 0)
             to->say(to->ctx, text);
     }
@@ -298,6 +336,8 @@ pvx_err dmn_triggers_new(const struct dmn_config *c, cap_ring *ring, dmn_trigger
         snprintf(t->state.item[i].name, sizeof t->state.item[i].name, "%s", k->name);
         t->state.item[i].when = k->when;
         t->state.item[i].above = k->above;
+        if (k->when == DMN_WHEN_LINE)
+            t->state.item[i].value = NAN;
         if (k->when == DMN_WHEN_AT && t->watched[i].done)
             LOG_W(DAEMON, "trigger %s: its time has passed", k->name);
     }

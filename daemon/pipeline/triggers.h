@@ -1,5 +1,5 @@
-/* triggers.h - what makes a take of the raw frames in memory (capture/take/ring.h): orders, times, and conditions on the
- * volumes.
+/* triggers.h - what makes a take of the raw frames in memory (capture/take/ring.h): orders, times, a camera's line, and
+ * conditions on the volumes.
  *
  * Each volume v (emission per metre in each voxel, mean of the channels) gives these values.  B: the voxels whose
  * centre is in the trigger's box, or all.  V: volume of a voxel.
@@ -11,7 +11,10 @@
  * fires.  Its instant is the exposure of the first of these sets.  Then the value must have come to `release` before
  * it fires again, and hold_off must be over.  A condition that already holds in the first set fires only after it has
  * not held.
- * Threads: look, tick and events from the publish stage; order and state from any.  Allocates nothing after new. */
+ * A line fires when it is high in a frame and was low in the frame before it that arrived.  Its instant is the exposure
+ * of the frame in which it is high.  A line that is high in the first frame fires only after it was low.
+ * Threads: look, tick and events from the publish stage; frame from one thread; order and state from any.  Allocates
+ * nothing after new. */
 #ifndef DMN_TRIGGERS_H
 #define DMN_TRIGGERS_H
 #include "capture/take/ring.h"
@@ -27,6 +30,8 @@ void dmn_triggers_free(dmn_triggers_run **t);
 /* Judges a volume.  t may be NULL. */
 void dmn_triggers_look(dmn_triggers_run *t, const struct rec_sparse *v, uint64_t set,
                        int64_t t_exposure_ns);
+/* Looks at the lines of a frame of the camera with this name; its frames come in order of exposure. */
+void dmn_triggers_frame(dmn_triggers_run *t, const char *camera, const struct cap_frame *f);
 /* Triggers whose time has come. */
 void dmn_triggers_tick(dmn_triggers_run *t, int64_t now_ns);
 /* Says what has fired since the last call (PROTOCOL.md, Event). */

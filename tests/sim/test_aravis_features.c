@@ -147,6 +147,10 @@ T_CASE(what_was_asked_for_is_refused_by_name)
     c.chunks = true;
     lacks(&c, "ChunkModeActive", "chunks: the camera has no ChunkModeActive");
     c = plain;
+    c.lines = true;
+    lacks(&c, "ChunkModeActive", "triggers: when: line: the camera has no ChunkModeActive");
+    lacks(&c, "ChunkLineStatusAll", "the camera does not send ChunkLineStatusAll");
+    c = plain;
     c.trigger = CAP_TRIGGER_LINE;
     lacks(&c, "TriggerMode", "cannot be triggered: the camera has no TriggerMode (it has Trigger");
     lacks(&c, "TriggerSource", "cannot be triggered: the camera has no TriggerSource (it has Tri");

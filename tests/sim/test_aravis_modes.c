@@ -307,4 +307,37 @@ T_CASE(chunks_tell_exposure_and_gain)
     }
 }
 
+/* Only the lines are asked for, so exposure and gain stay unknown. */
+T_CASE(chunks_tell_lines)
+{
+    struct cap_source_config config = bed_source(1);
+    struct session s;
+    struct cap_feature layout = {"ChunkPayloadType", "ImageExtendedChunk"};
+    bed_all(FPS);
+    config.lines = true;
+    config.features = &layout;
+    config.n_features = 1;
+    config.gige.frame_retention_ms = 5000;
+    if (begin(&s, &config)) {
+        for (uint64_t lines = 0; lines < 0x80000004; lines += 0x80000002) {
+            bool seen = false;
+            bed_fault(1,
+                      (struct cap_gvcam_fault){.optics = cap_optics_none, .inputs = (double)lines});
+            UNTIL (seen) {
+                struct cap_frame *f = next_frame(&s.box);
+                if (f == NULL)
+                    continue;
+                T_EQ_I(f->img.size, BED_BYTES); /* without the chunk data */
+                T_OK(f->lines_known && (f->lines == lines || f->lines == 0));
+                T_OK(isnan(f->exposure_us) && isnan(f->gain));
+                seen = f->lines == lines;
+                cap_frame_release(f);
+            }
+            T_OK(seen);
+        }
+        bed_fault(1, (struct cap_gvcam_fault){.optics = cap_optics_none});
+    }
+    end(&s);
+}
+
 T_MAIN(bed_open(), bed_close())

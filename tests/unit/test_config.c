@@ -99,12 +99,13 @@ T_CASE(triggers_are_read_strictly_and_printed_back)
                  "  - { name: b, at: '2026-12-01T12:00:00Z' }\n"
                  "  - { name: c, when: vanishes, above: 3, release: 9, agree: 4, hold_off: 0 }\n"
                  "  - { name: d }\n"
-                 "  - { name: e, when: change, above: 20 }\n"),
+                 "  - { name: e, when: change, above: 20 }\n"
+                 "  - { name: f, when: line, camera: cam2, line: 63, hold_off: 0.5 }\n"),
            PVX_OK);
     T_EQ_S(d.text, "");
     T_NEAR(c.ring.memory, 8e9, 0);
     T_NEAR(c.ring.pre, 2, 0);
-    T_EQ_I(c.triggers.n, 5);
+    T_EQ_I(c.triggers.n, 6);
     const struct dmn_trigger *t = c.triggers.item;
     T_EQ_I(t[0].when, DMN_WHEN_LIGHT);
     T_NEAR(t[0].release, 1.6, 1e-12);
@@ -114,6 +115,10 @@ T_CASE(triggers_are_read_strictly_and_printed_back)
     T_NEAR(t[2].release, 9, 0);
     T_EQ_I(t[3].when, DMN_WHEN_ORDER);
     T_EQ_I(t[4].agree, 1);
+    T_EQ_I(t[5].when, DMN_WHEN_LINE);
+    T_EQ_S(t[5].camera, "cam2");
+    T_EQ_I(t[5].line, 63);
+    T_NEAR(t[5].hold_off, 0.5, 0);
     const struct dmn_config was = c;
     char *text = dmn_config_format(&c);
     T_EQ_I(parse(text), PVX_OK);
@@ -136,6 +141,16 @@ T_CASE(triggers_are_read_strictly_and_printed_back)
     refused("triggers: [{ name: a, when: dark }]\n", "'dark' is not one of order, light");
     refused("triggers: [{ name: a, when: light }]\n", "when: light needs a level: add above");
     refused("triggers: [{ name: a, above: 3 }]\n", "above needs a condition");
+    refused("triggers: [{ name: a, when: line }]\n", "when: line needs a camera: add camera: NAME");
+    refused("triggers: [{ name: a, when: line, camera: c }]\n", "when: line needs a line");
+    refused("triggers: [{ name: a, when: line, camera: 'c d', line: 1 }]\n", "is not a name");
+    refused("triggers: [{ name: a, when: line, camera: c, line: 64 }]\n", "triggers[0].line");
+    refused("triggers: [{ name: a, when: line, camera: c, line: 1, agree: 2 }]\n",
+            "when: line has no agree: leave it out");
+    refused("triggers: [{ name: a, when: line, camera: c, line: 1, release: 2 }]\n",
+            "when: line has no release: leave it out");
+    refused("triggers: [{ name: a, camera: c }]\n", "camera needs when: line");
+    refused("triggers: [{ name: a, when: appears, line: 1 }]\n", "line needs when: line");
     refused("triggers: [{ name: a, when: light, above: 3, release: 4 }]\n", "lower it");
     refused("triggers: [{ name: a, when: vanishes, above: 3, release: 2 }]\n", "raise it");
     refused("triggers: [{ name: a, when: light, above: 3, box: [1, 0, 0, 0, 1, 1] }]\n", "lower");

@@ -130,7 +130,8 @@ T_CASE(control_lines)
                                        "flat cam0 2",         "background cam0 0.02",
                                        "vignetting cam1 0.3", "gain cam1 0.5",
                                        "exposure cam1 0.25",  "response cam2 0.45",
-                                       "pedestal cam2 0.03",  "hot cam2 0.01"};
+                                       "pedestal cam2 0.03",  "hot cam2 0.01",
+                                       "inputs cam1 6"};
     for (size_t k = 0; k < sizeof good / sizeof good[0]; k++) {
         T_EQ_I(simcams_control(&rig, good[k], st, &order, &d), PVX_OK);
         T_EQ_I(order.what, SIMCAMS_NOTHING);
@@ -166,6 +167,7 @@ T_CASE(control_lines)
     T_NEAR(q->response, 0.45, 0);
     T_NEAR(q->pedestal, 0.03, 0);
     T_NEAR(q->hot, 0.01, 0);
+    T_NEAR(st[1].fault.inputs, 6, 0);
     T_EQ_I(simcams_control(&rig, "revive all", st, &order, &d), PVX_OK);
     T_OK(st[1].alive);
     static const char *const bad[] = {"drop cam1",
@@ -188,6 +190,7 @@ T_CASE(control_lines)
                                       "reboot",
                                       "reboot cam1 x",
                                       "jump cam1",
+                                      "inputs cam1 on",
                                       "line",
                                       "line -3",
                                       "link",

@@ -75,6 +75,23 @@ T_CASE(network_and_triggers)
     T_CONTAINS(d.text, "action.addresses: 'elsewhere' is not an IPv4 address");
 }
 
+#define RING "rig: r\nrecord: {ring: {seconds: 5, memory: 8GB}}\n"
+T_CASE(lines_of_the_cameras_that_triggers_name)
+{
+    T_EQ_I(read_config(RING "cameras: \"aravis:127.0.0.2+\"\n"
+                            "triggers: [{name: a, when: line, camera: cam1, line: 2}]\n"),
+           PVX_OK);
+    T_OK(!s.source[0].lines && s.source[1].lines);
+    T_EQ_I(read_config(RING "cameras: \"aravis:127.0.0.2+\"\n"
+                            "triggers: [{name: a, when: line, camera: cam7, line: 2}]\n"),
+           PVX_EINVAL);
+    T_CONTAINS(d.text, "triggers: a: there is no camera 'cam7': name one of the rig");
+    T_EQ_I(read_config(RING "cameras: {cam0: \"aravis:127.0.0.2\", cam1: \"sim:\"}\n"
+                            "triggers: [{name: a, when: line, camera: cam1, line: 2}]\n"),
+           PVX_EINVAL);
+    T_CONTAINS(d.text, "triggers: a: cam1 is 'sim:', and only aravis: cameras");
+}
+
 T_CASE(features_for_all_and_for_one)
 {
     T_EQ_I(read_config("rig: r\ncameras: \"aravis:127.0.0.2+\"\n"

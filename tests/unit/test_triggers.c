@@ -1,6 +1,7 @@
 /* test_triggers.c - conditions on volumes: their values, and when they fire. */
 #include "../t.h"
 
+#include <math.h>
 #include <sched.h>
 
 #include "base/clock.h"
@@ -174,6 +175,56 @@ T_CASE_OF_THREADS(hold_off_and_change)
     T_EQ_I(burn(14, 20, 5, 4), 0);
     T_EQ_I(burn(20, 21, 5, 8), 1);
     end();
+}
+
+/* Frames from..to-1 of the camera with these levels; returns how often triggers fired. */
+static uint64_t wire(const char *camera, uint64_t from, uint64_t upto, uint64_t lines)
+{
+    struct dmn_triggers_state a, b;
+    uint64_t n = 0;
+    dmn_triggers_state(run, &a);
+    for (uint64_t k = from; k < upto; k++)
+        dmn_triggers_frame(run, camera,
+                           &(struct cap_frame){.id = k,
+                                               .t_exposure_ns = T0 + (int64_t)k * P,
+                                               .lines = lines,
+                                               .lines_known = true});
+    dmn_triggers_state(run, &b);
+    dmn_triggers_events(run, &to);
+    for (size_t i = 0; i < b.n; i++)
+        n += b.item[i].fired - a.item[i].fired;
+    return n;
+}
+
+T_CASE_OF_THREADS(a_line_fires_when_it_rises)
+{
+    struct dmn_triggers_state s;
+    begin("[{ name: spark, when: line, camera: cam2, line: 33, hold_off: 0.05 }]");
+    const uint64_t on = 1ull << 33;
+    dmn_triggers_state(run, &s);
+    T_OK(isnan(s.item[0].value));
+    T_EQ_I(wire("cam2", 0, 3, on), 0); /* high from the start */
+    T_EQ_I(wire("cam2", 3, 5, ~on), 0);
+    T_EQ_I(wire("cam1", 5, 8, on), 0);                                 /* of another camera */
+    dmn_triggers_frame(run, "cam2", &(struct cap_frame){.lines = on}); /* not reported */
+    dmn_triggers_state(run, &s);
+    T_OK(s.item[0].value == 0 && s.item[0].ready);
+    T_EQ_I(wire("cam2", 8, 12, on), 1); /* once, also after lost frames */
+    T_CONTAINS(said, "\"name\":\"spark\",\"when\":\"line\"");
+    T_CONTAINS(said, "\"t_ns\":1700000000080000000");
+    T_OK(strstr(said, "\"set\"") == NULL);
+    dmn_triggers_state(run, &s);
+    T_OK(s.item[0].value == 1 && !s.item[0].ready);
+    T_EQ_I(s.latency_n, 1);
+    T_EQ_I(wire("cam2", 12, 13, 0), 0); /* 0.05 s from number 8 on it is held off */
+    for (int i = 0; i < 5; i++)
+        T_EQ_I(burn(12, 13, 5, 3), 0); /* volumes are no matter of lines */
+    T_EQ_I(wire("cam2", 12, 13, on), 0);
+    T_EQ_I(wire("cam2", 13, 14, 0), 0);
+    T_EQ_I(wire("cam2", 14, 20, ~0ull), 1);
+    T_CONTAINS(said, "\"t_ns\":1700000000140000000");
+    end();
+    dmn_triggers_frame(NULL, "cam2", &(struct cap_frame){.lines_known = true});
 }
 
 T_CASE_OF_THREADS(orders_and_times)

@@ -32,6 +32,12 @@ void trigger_line(const cJSON *trigger, char *out, size_t size)
     size_t n = (size_t)snprintf(out, size, "%s: ", ask_text(trigger, "name", NULL));
     if (strcmp(when, "order") == 0 || strcmp(when, "at") == 0)
         n += (size_t)snprintf(out + n, size - n, "by %s", when);
+    else if (strcmp(when, "line") == 0)
+        n += (size_t)snprintf(out + n, size - n, "line %s",
+                              !cJSON_IsNumber(cJSON_GetObjectItemCaseSensitive(trigger, "value"))
+                                  ? "not reported"
+                              : ask_num(trigger, "value", NULL) > 0 ? "high"
+                                                                    : "low");
     else if (n < size)
         n += (size_t)snprintf(
             out + n, size - n, "%s %.4g %s of %.4g, %s", when, ask_num(trigger, "value", NULL),

@@ -33,6 +33,7 @@ struct simcams_state {
     M(SIMCAMS_MISS, "miss", 1, 0, 1, miss)                                                  \
     M(SIMCAMS_HOSTILE, "hostile", 1, 0, 1, hostile)                                         \
     M(SIMCAMS_PTP_OFFSET, "ptp-offset", 1, -1e9, 1e9, ptp_offset_us)                        \
+    M(SIMCAMS_INPUTS, "inputs", 1, 0, 4294967295.0, inputs)                                 \
     M(SIMCAMS_LATE, "late", 1, 0, CAP_GVCAM_LATE_MAX, late)                                 \
     M(SIMCAMS_BLUR, "blur", 1, 0, CAP_OPTICS_BLUR_MAX, optics.blur)                         \
     M(SIMCAMS_VIGNETTING, "vignetting", 1, 0, 0.99, optics.vignetting)                      \

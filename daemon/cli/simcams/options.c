@@ -137,6 +137,7 @@ static const struct cli_row rows[] = {
     "  lock-trigger CAM on|off TriggerMode cannot be set during acquisition\n"                \
     "  line HZ, pulse          pulses, or one pulse, on the trigger line of all cameras\n"    \
     "                          (TriggerSource Line1)\n"                                       \
+    "  inputs CAM BITS         levels of its lines, the number LineStatusAll: 2 is bit 1\n"   \
     "  link MBIT_S [KIB]       capacity of the network (0: no limit), buffer of the switch\n" \
     "  switch SECONDS          the switch restarts: nothing passes for this time\n"           \
     "  pose NUMBER             the board goes to this pose, counted from 0\n"                 \
