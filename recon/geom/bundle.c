@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "recon/geom/ray_table.h"
+
 #define PI 3.14159265358979323846
 
 /* Integral of the normal distribution function: z Phi(z) + phi(z). */
@@ -38,11 +40,27 @@ static void bundle_spread(struct rec_bundle *b, double px, double sigma)
         b->at[i] = 0.5 * px + by * b->at[i];
 }
 
+/* The same of the rays of a table, whose middle is on their z axis. */
+static double bundle_disc(const struct rec_camera *c, const struct rec_grid *g)
+{
+    double z[2] = {INFINITY, 0};
+    for (int i = 0; i < 8; i++) {
+        double Z = c->t[2];
+        for (int a = 0; a < 3; a++)
+            Z += c->R[6 + a] * (i >> a & 1 ? g->max[a] : g->min[a]);
+        z[0] = fmin(z[0], fmax(Z, 0));
+        z[1] = fmax(z[1], Z);
+    }
+    return rec_ray_table_disc(c->table, z) * fmax(c->fx, c->fy);
+}
+
 /* Radius of the largest disc of confusion in the volume; seen from a point a of the aperture, a point moves by
  * a (1/focus - 1/Z) in (x,y). */
 double rec_blur_disc(const struct rec_camera *c, const struct rec_grid *g)
 {
     double most = 0;
+    if (c->blur.rays > 0)
+        return bundle_disc(c, g);
     for (int i = 0; i < 8 && c->blur.aperture > 0; i++) {
         struct rec_projection p;
         double X[3], z;
@@ -72,7 +90,10 @@ void rec_bundle_init(struct rec_bundle *b, const struct rec_camera *c, double px
     }
     for (int32_t i = 0; i < rays; i++)
         b->at[i] = (i + 0.5) * step;
-    if (c->blur.aperture > 0) {
+    if (c->blur.rays > 0) {
+        b->reach = rec_blur_disc(c, g) + 0.05;
+        b->lens = c->blur.rays;
+    } else if (c->blur.aperture > 0) {
         double across = 2 * rec_blur_disc(c, g) / px; /* squares */
         b->reach = 0.51 * across * px + 0.05;         /* glass makes depths a little shorter */
         b->lens = (int32_t)fmin(REC_BUNDLE_LENS, ceil(fmax(1, 1 + 2 * across * across)));
@@ -87,6 +108,8 @@ bool rec_bundle_ray(const struct rec_bundle *b, double u, double v, int32_t i, d
     v += b->at[sub / b->side];
     if (b->lens == 1)
         return rec_camera_ray(b->c, u, v, origin, dir);
+    if (b->c->blur.rays > 0)
+        return rec_camera_ray_of(b->c, u, v, point, origin, dir);
     double r = 0.5 * b->c->blur.aperture * sqrt((point + 0.5) / b->lens);
     double turn = 2.399963229728653 * (point + 0.37 * sub); /* the golden angle; squares differ */
     const double from[2] = {r * cos(turn), r * sin(turn)};

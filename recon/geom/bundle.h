@@ -5,7 +5,8 @@
  *     N = rays sqrt(1 + 12 sigma^2 / px^2)                                                              (1)
  * parts of equal probability, a ray in the middle of each, and the rays are scaled to the variance px^2/12 + sigma^2.
  * With an aperture every ray of the square becomes M rays through points of equal area of the aperture (H. Vogel, Math.
- * Biosciences 44:179, 1979), which meet where the camera is focused.  All rays of a bundle have the same weight.
+ * Biosciences 44:179, 1979), which meet where the camera is focused.  With a bundle from a file it becomes the rays of
+ * that bundle (ray_table.h).  All rays of a bundle have the same weight.
  * Units: px, m.  Threads: after init only read. */
 #ifndef REC_BUNDLE_H
 #define REC_BUNDLE_H
@@ -23,7 +24,8 @@ struct rec_bundle {
     double reach;               /* px beyond the square, at most */
 };
 
-/* Radius [px] of the largest disc of confusion of a point of the volume; 0 without an aperture. */
+/* Radius [px] of the largest disc of confusion of a point of the volume; 0 without an aperture.  Of a bundle from a file
+ * an estimate: the largest of some pixels. */
 double rec_blur_disc(const struct rec_camera *c, const struct rec_grid *g);
 
 /* For squares of px x px, for the volume g. */

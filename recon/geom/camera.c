@@ -458,11 +458,10 @@ static bool camera_turn(const struct rec_camera *c, double x, double y, double z
     return true;
 }
 
-static bool table_ray(const struct rec_camera *c, double x, double y, double origin[3],
+static bool table_ray(const struct rec_camera *c, const double line[4], double origin[3],
                       double dir[3])
 {
-    double line[4];
-    if (!rec_ray_table_at(c->table, x, y, line, NULL) || !camera_turn(c, line[2], line[3], 1, dir))
+    if (!camera_turn(c, line[2], line[3], 1, dir))
         return false;
     rec_camera_centre(c, origin);
     for (int a = 0; a < 3; a++)
@@ -472,13 +471,13 @@ static bool table_ray(const struct rec_camera *c, double x, double y, double ori
 
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
 {
-    double x, y;
+    double x, y, line[4];
     if (!camera_pixel(c, u, v, &x, &y))
         return false;
     if (c->model == REC_TELECENTRIC)
         return telecentric_ray(c, x, y, origin, dir) && rec_glass_pass(c, origin, dir);
     if (c->model == REC_RAYS)
-        return table_ray(c, x, y, origin, dir);
+        return rec_ray_table_at(c->table, x, y, line, NULL) && table_ray(c, line, origin, dir);
     if (!camera_turn(c, x, y, 1, dir))
         return false;
     rec_camera_centre(c, origin);
@@ -495,6 +494,14 @@ bool rec_camera_ray_from(const struct rec_camera *c, double u, double v, const d
     for (int a = 0; a < 3; a++)
         origin[a] += c->R[a] * from[0] + c->R[3 + a] * from[1];
     return c->n_windows == 0 || rec_glass_pass(c, origin, dir);
+}
+
+bool rec_camera_ray_of(const struct rec_camera *c, double u, double v, int32_t i, double origin[3],
+                       double dir[3])
+{
+    double x, y, line[4];
+    return camera_pixel(c, u, v, &x, &y) && rec_ray_table_one(c->table, x, y, i, line) &&
+           table_ray(c, line, origin, dir);
 }
 
 double rec_camera_depth(const struct rec_camera *c, const double X[3])

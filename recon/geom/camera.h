@@ -12,7 +12,8 @@
  *     M = R_y(tau_y) R_x(tau_x),  (a,b,c) = M (x',y',1),
  *     (x',y') <- (M33 a - M13 c, M33 b - M23 c) / c                                                 (6)
  * Telecentric: (x',y') = (X_cam, Y_cam) in metres, so fx and fy are pixels per metre; it has no distortion.    (7)
- * Rays: a ray per pixel from a file, interpolated between pixels (ray_table.h); (x',y') is the pixel in the file.
+ * Rays: a ray per pixel from a file, or the mean ray of its bundle, interpolated between pixels (ray_table.h);
+ * (x',y') is the pixel in the file.
  * R and t are axes along their mean.  Points are projected by Newton's method.                                  (9)
  * Windows: flat plates of glass with air on both sides.  A plate (unit normal N, thickness T, index n) leaves the
  * direction d of a ray as it is and moves the ray, by Snell's law at both faces, by
@@ -54,9 +55,11 @@ struct rec_glass {
 };
 
 /* What blurs its pictures, all 0: nothing.  A Gaussian of sigma px, or the defocus of a thin lens: its aperture's
- * diameter [m], and the distance [m] along its axis at which it is sharp. */
+ * diameter [m], and the distance [m] along its axis at which it is sharp.  Or the bundle of `rays` rays that each pixel has
+ * in the table. */
 struct rec_blur {
     double sigma, aperture, focus;
+    int32_t rays; /* 0: not a bundle */
 };
 
 struct rec_camera {
@@ -111,6 +114,10 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
  * crosses the middle ray at Z_cam = blur.focus, if there were no windows.  For pinhole and Scheimpflug. */
 bool rec_camera_ray_from(const struct rec_camera *c, double u, double v, const double from[2],
                          double origin[3], double dir[3]);
+
+/* The same for ray i of the bundle in the table; blur.rays > 0. */
+bool rec_camera_ray_of(const struct rec_camera *c, double u, double v, int32_t i, double origin[3],
+                       double dir[3]);
 
 /* What a focal length is divided by for pixels per metre around X [m]: depth, distance for a fisheye, 1 for a
  * telecentric (windows are left out of account, which is right to some 1 %).  Not above 0:

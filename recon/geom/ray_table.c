@@ -29,12 +29,30 @@ static bool ray_table_says(const char *header, const char *key, const char *valu
     return strncmp(p, value, strlen(value)) == 0;
 }
 
-/* Where the numbers begin, and their bytes each. */
-static pvx_err ray_table_header(const char *bytes, size_t len, int32_t w, int32_t h, size_t *at,
+/* The axes of the header, 5 at most; returns how many.  0: not a list of numbers. */
+static int ray_table_shape(const char *header, long axis[5])
+{
+    const char *p = strstr(header, "'shape'");
+    char *end;
+    int n = 0;
+    if (p == NULL || (p = strchr(p, '(')) == NULL)
+        return 0;
+    for (p++; n < 5; p = end + strspn(end, " ,")) {
+        axis[n] = strtol(p, &end, 10);
+        if (end == p)
+            break;
+        n++;
+    }
+    return *p == ')' ? n : 0;
+}
+
+/* Where the numbers begin, their bytes each, and the rays of a pixel. */
+static pvx_err ray_table_header(const char *bytes, size_t len, struct rec_ray_table *t, size_t *at,
                                 size_t *size, struct pvx_diag *d)
 {
     char text[512];
-    long rows, cols, six;
+    long axis[5];
+    int32_t w = t->w, h = t->h;
     const uint8_t *b = (const uint8_t *)bytes;
     if (len < 12 || memcmp(bytes, "\x93NUMPY", 6) != 0 || b[6] < 1 || b[6] > 3)
         return pvx_fail(d, PVX_EFORMAT, "not a .npy file");
@@ -49,16 +67,19 @@ static pvx_err ray_table_header(const char *bytes, size_t len, int32_t w, int32_
     *size = ray_table_says(text, "'descr'", "'<f4'")   ? 4
             : ray_table_says(text, "'descr'", "'<f8'") ? 8
                                                        : 0;
-    const char *shape = strstr(text, "'shape'");
     if (*size == 0 || !ray_table_says(text, "'fortran_order'", "False"))
         return pvx_fail(d, PVX_EFORMAT, "should be float32 or float64, little-endian, in C order");
-    if (shape == NULL || sscanf(shape, "'shape' : (%ld , %ld , %ld )", &rows, &cols, &six) != 3 ||
-        rows != h || cols != w || six != 6)
+    int n_axes = ray_table_shape(text, axis);
+    if (n_axes < 3 || n_axes > 4 || axis[0] != h || axis[1] != w || axis[n_axes - 1] != 6)
         return pvx_fail(d, PVX_EINVAL,
-                        "should have the shape (%d, %d, 6), height and width of the camera's size; "
-                        "bundles of rays per pixel are not supported",
-                        h, w);
-    if ((len - *at) / *size != (size_t)w * (size_t)h * 6)
+                        "should have the shape (%d, %d, 6), height and width of the camera's size, "
+                        "or (%d, %d, k, 6) for bundles of k rays per pixel",
+                        h, w, h, w);
+    if (n_axes == 4 && !(axis[2] >= 1 && axis[2] <= REC_RAY_TABLE_RAYS))
+        return pvx_fail(d, PVX_EINVAL, "has bundles of %ld rays per pixel; 1 to %d are supported",
+                        axis[2], REC_RAY_TABLE_RAYS);
+    t->rays = n_axes == 4 ? (int32_t)axis[2] : 1;
+    if ((len - *at) / *size != (size_t)w * (size_t)h * (size_t)t->rays * 6)
         return pvx_fail(d, PVX_EFORMAT, "has not the size that its header says");
     return PVX_OK;
 }
@@ -100,12 +121,66 @@ static void ray_table_axes(const double at[3], const double z[3], struct rec_ray
         t->t[i] = -(R[3 * i] * at[0] + R[3 * i + 1] * at[1] + R[3 * i + 2] * at[2]);
 }
 
-/* Axes from the means, then every line in them. */
+/* The line of a ray in the table's axes.  False: too steep. */
+static bool ray_table_line(const struct rec_ray_table *t, const double r[6], double line[4])
+{
+    double P[3], D[3];
+    for (int a = 0; a < 3; a++) {
+        P[a] = t->R[3 * a] * r[0] + t->R[3 * a + 1] * r[1] + t->R[3 * a + 2] * r[2] + t->t[a];
+        D[a] = t->R[3 * a] * r[3] + t->R[3 * a + 1] * r[4] + t->R[3 * a + 2] * r[5];
+    }
+    if (!(D[2] > 0) || !(hypot(D[0], D[1]) <= STEEP * D[2]))
+        return false;
+    for (int a = 0; a < 2; a++) {
+        line[2 + a] = D[a] / D[2];
+        line[a] = P[a] - line[2 + a] * P[2];
+    }
+    return true;
+}
+
+/* The rays of pixel i: their mean, and what they are off it. */
+static pvx_err ray_table_pixel(struct rec_ray_table *t, const char *data, size_t size, size_t i,
+                               struct pvx_diag *d)
+{
+    double r[6], all[REC_RAY_TABLE_RAYS][4], *mean = t->line[i];
+    size_t n = 0, rays = (size_t)t->rays, x = i % (size_t)t->w, y = i / (size_t)t->w;
+    for (size_t k = 0; k < rays; k++) {
+        if (!ray_table_ray(data, size, i * rays + k, r))
+            continue;
+        if (!ray_table_line(t, r, all[n++]))
+            return pvx_fail(d, PVX_EINVAL,
+                            "the ray of pixel (%zu, %zu) is more than 76 degrees off the mean "
+                            "direction",
+                            x, y);
+    }
+    if (n > 0 && n < rays)
+        return pvx_fail(d, PVX_EINVAL,
+                        "pixel (%zu, %zu) has only %zu of its %zu rays; trace others in place of "
+                        "the lost ones, or make all NaN",
+                        x, y, n, rays);
+    for (int a = 0; a < 4; a++) {
+        mean[a] = n > 0 ? all[0][a] : NAN;
+        for (size_t k = 1; k < n; k++)
+            mean[a] += all[k][a];
+        mean[a] /= (double)rays;
+        for (size_t k = 0; k < n && t->off != NULL; k++)
+            t->off[i * rays + k][a] = (float)(all[k][a] - mean[a]);
+    }
+    return PVX_OK;
+}
+
+/* Axes from the means, then every line in them.  What it allocates is the table's. */
 static pvx_err ray_table_fill(struct rec_ray_table *t, const char *data, size_t size,
                               struct pvx_diag *d)
 {
     double mean[6] = {0}, r[6], n = 0;
-    size_t all = (size_t)t->w * (size_t)t->h;
+    size_t pixels = (size_t)t->w * (size_t)t->h, all = pixels * (size_t)t->rays;
+    t->line = pvx_calloc(pixels, sizeof *t->line);
+    PVX_NEED(t->line);
+    if (t->rays > 1) {
+        t->off = pvx_calloc(all, sizeof *t->off);
+        PVX_NEED(t->off);
+    }
     for (size_t i = 0; i < all; i++)
         if (ray_table_ray(data, size, i, r)) {
             n++;
@@ -120,25 +195,8 @@ static pvx_err ray_table_fill(struct rec_ray_table *t, const char *data, size_t 
         mean[3 + k] /= length;
     }
     ray_table_axes(mean, mean + 3, t);
-    for (size_t i = 0; i < all; i++) {
-        double P[3], D[3], *line = t->line[i];
-        line[0] = line[1] = line[2] = line[3] = NAN;
-        if (!ray_table_ray(data, size, i, r))
-            continue;
-        for (int a = 0; a < 3; a++) {
-            P[a] = t->R[3 * a] * r[0] + t->R[3 * a + 1] * r[1] + t->R[3 * a + 2] * r[2] + t->t[a];
-            D[a] = t->R[3 * a] * r[3] + t->R[3 * a + 1] * r[4] + t->R[3 * a + 2] * r[5];
-        }
-        if (!(D[2] > 0) || !(hypot(D[0], D[1]) <= STEEP * D[2]))
-            return pvx_fail(d, PVX_EINVAL,
-                            "the ray of pixel (%zu, %zu) is more than 76 degrees off the mean "
-                            "direction",
-                            i % (size_t)t->w, i / (size_t)t->w);
-        for (int a = 0; a < 2; a++) {
-            line[2 + a] = D[a] / D[2];
-            line[a] = P[a] - line[2 + a] * P[2];
-        }
-    }
+    for (size_t i = 0; i < pixels; i++)
+        PVX_TRY(ray_table_pixel(t, data, size, i, d));
     return PVX_OK;
 }
 
@@ -149,14 +207,14 @@ pvx_err rec_ray_table_parse(const char *bytes, size_t len, int32_t w, int32_t h,
     *out = NULL;
     if (w < 2 || h < 2)
         return pvx_fail(d, PVX_EINVAL, "a picture of rays has 2 x 2 pixels at least");
-    PVX_TRY(ray_table_header(bytes, len, w, h, &at, &size, d));
     struct rec_ray_table *t = pvx_calloc(1, sizeof *t);
     PVX_NEED(t);
     t->w = w;
     t->h = h;
     t->hash = XXH3_64bits(bytes, len);
-    t->line = pvx_calloc((size_t)w * (size_t)h, sizeof *t->line);
-    pvx_err e = t->line == NULL ? PVX_ENOMEM : ray_table_fill(t, bytes + at, size, d);
+    pvx_err e = ray_table_header(bytes, len, t, &at, &size, d);
+    if (e == PVX_OK)
+        e = ray_table_fill(t, bytes + at, size, d);
     if (e != PVX_OK) {
         rec_ray_table_free(t);
         return e;
@@ -168,6 +226,7 @@ pvx_err rec_ray_table_parse(const char *bytes, size_t len, int32_t w, int32_t h,
 void rec_ray_table_free(struct rec_ray_table *t)
 {
     free(t->line);
+    free(t->off);
     free(t);
 }
 
@@ -222,6 +281,17 @@ bool rec_ray_table_at(const struct rec_ray_table *t, double x, double y, double 
     return isfinite(sum);
 }
 
+bool rec_ray_table_one(const struct rec_ray_table *t, double x, double y, int32_t i, double line[4])
+{
+    if (!rec_ray_table_at(t, x, y, line, NULL))
+        return false;
+    double u = fmin(fmax(floor(x + 0.5), 0), t->w - 1), v = fmin(fmax(floor(y + 0.5), 0), t->h - 1);
+    size_t pixel = (size_t)v * (size_t)t->w + (size_t)u;
+    for (int a = 0; a < 4; a++)
+        line[a] += (double)t->off[pixel * (size_t)t->rays + (size_t)i][a];
+    return true;
+}
+
 /* What the ray of (x,y) misses X by, in its plane; M = d miss / d (x,y). */
 static bool ray_table_miss(const struct rec_ray_table *t, const double X[3], const double xy[2],
                            double miss[2], double M[4])
@@ -235,6 +305,27 @@ static bool ray_table_miss(const struct rec_ray_table *t, const double X[3], con
             M[2 * a + k] = s[2 * a + k] + s[2 * (2 + a) + k] * X[2];
     }
     return true;
+}
+
+double rec_ray_table_disc(const struct rec_ray_table *t, const double z[2])
+{
+    enum { NODES = 9 };
+    double most = 0;
+    for (int n = 0; n < 2 * NODES * NODES; n++) {
+        int32_t x = n / 2 % NODES * (t->w - 1) / (NODES - 1);
+        int32_t y = n / 2 / NODES * (t->h - 1) / (NODES - 1);
+        double M[4], miss[2], line[4], at[2] = {x, y}, Z = z[n % 2];
+        if (!ray_table_miss(t, (const double[3]){0, 0, Z}, at, miss, M))
+            continue;
+        double det = M[0] * M[3] - M[1] * M[2];
+        for (int32_t i = 0; i < t->rays && t->off != NULL; i++) {
+            if (!rec_ray_table_one(t, x, y, i, line))
+                continue;
+            double a = line[0] + line[2] * Z - miss[0], b = line[1] + line[3] * Z - miss[1];
+            most = fmax(most, hypot(M[3] * a - M[1] * b, M[0] * b - M[2] * a) / fabs(det));
+        }
+    }
+    return fmin(most, hypot(t->w, t->h));
 }
 
 bool rec_ray_table_find(const struct rec_ray_table *t, const double X[3], double xy[2])

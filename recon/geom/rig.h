@@ -6,7 +6,8 @@
  *   cameras: - { name, size: [w,h], K: [fx,fy,cx,cy], distortion: [0,4,5,8,12 or 14 numbers],
  *                model: pinhole (default), fisheye (distortion: [0 or 4 numbers]; camera.h (5)), scheimpflug
  *                (distortion: [14 numbers]; camera.h (6)) telecentric (K in pixels per metre; camera.h (7)) or
- *                rays (rays: FILE.npy, relative to this file, in place of K, R, t and windows; ray_table.h),
+ *                rays (rays: FILE.npy, relative to this file, in place of K, R, t and windows, [h][w][6], or
+ *                [h][w][k][6] for a bundle of k rays per pixel, without blur; ray_table.h),
  *                R: [9], t: [3],
  *                windows: [{ plane: [nx,ny,nz,d], thickness, n }] (optional: at most REC_WINDOWS flat plates of glass
  *                between the camera and all of the volume; n . x = d [m] on the face towards the camera; camera.h (8)),

@@ -134,6 +134,10 @@ pvx_err rec_blur_read(const pvx_yaml *y, int map, const char *path, const struct
 {
     char full[64], sigma[80];
     snprintf(full, sizeof full, "%s.blur", path);
+    if (c->blur.rays > 0)
+        return pvx_yaml_fail(y, map, full, PVX_EINVAL, d,
+                             "does not go with bundles of rays, which are the blur themselves; "
+                             "leave it out, or give a file of one ray per pixel");
     PVX_TRY(pvx_yaml_known(y, map, full, "sigma aperture focus", d));
     int node = pvx_yaml_get(y, map, "sigma");
     if (node == 0)
@@ -209,8 +213,10 @@ pvx_err rec_rays_read(const pvx_yaml *y, int map, const char *path, const char *
     int node = pvx_yaml_get(y, map, "rays");
     snprintf(full, sizeof full, "%s.rays", path);
     if (node == 0 || pvx_yaml_kind(y, node) != PVX_YAML_SCALAR)
-        return pvx_yaml_fail(y, node != 0 ? node : map, full, PVX_EFORMAT, d,
-                             "model: rays needs rays: FILE.npy, [height][width][6] (ray_table.h)");
+        return pvx_yaml_fail(
+            y, node != 0 ? node : map, full, PVX_EFORMAT, d,
+            "model: rays needs rays: FILE.npy, [height][width][6] or [height][width][k][6] "
+            "(ray_table.h)");
     if (!rays_path(name, pvx_yaml_text(y, node), file))
         return pvx_yaml_fail(y, node, full, PVX_EINVAL, d,
                              "the path is longer than %d characters or has a quote in it; rename "
@@ -222,6 +228,7 @@ pvx_err rec_rays_read(const pvx_yaml *y, int map, const char *path, const char *
                              pvx_diag_text(&why, e));
     c->model = REC_RAYS;
     c->fx = c->fy = 1;
+    c->blur.rays = c->table->rays > 1 ? c->table->rays : 0;
     memcpy(c->R, c->table->R, sizeof c->R);
     memcpy(c->t, c->table->t, sizeof c->t);
     return PVX_OK;

@@ -1,4 +1,4 @@
-/* fuzz_rays.c - any bytes as a file of 4 x 3 rays.
+/* fuzz_rays.c - any bytes as a file of 4 x 3 rays or bundles.
  * Refused in one line, or rays that project somewhere finite. */
 #include <math.h>
 #include <string.h>
@@ -21,10 +21,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         double line[4], xy[2];
         if (!rec_ray_table_at(t, i % 4, i / 4, line, NULL))
             continue;
+        for (int32_t k = 0; k < t->rays && t->off != NULL; k++) {
+            double one[4];
+            MUST(rec_ray_table_one(t, i % 4, i / 4, k, one) && isfinite(one[0] + one[2]));
+        }
         const double X[3] = {line[0] + 2 * line[2], line[1] + 2 * line[3], 2};
         if (rec_ray_table_find(t, X, xy))
             MUST(isfinite(xy[0]) && isfinite(xy[1]));
     }
+    MUST(isfinite(rec_ray_table_disc(t, (const double[2]){0, 2})));
     rec_ray_table_free(t);
     return 0;
 }
