@@ -2,8 +2,8 @@
  *
  * The file is .npy, little-endian float32 or float64 in C order, [h][w][6]: a point of the ray [m] and its direction,
  * both in the world.  NaN: the pixel sees nothing.  In axes of its own (z along the mean direction, origin at the mean
- * point, of all rays) a ray is (a + a' z, b + b' z).  Between pixels a, b, a', b' are interpolated bilinearly, and
- * beyond the outer ones they go on so.
+ * point, of all rays) a ray is (a + a' z, b + b' z).  It begins at z = 0, so points belong on the camera's side of the
+ * volume.  Between pixels a, b, a', b' are interpolated bilinearly, and beyond the outer ones they go on so.
  * A file of [h][w][k][6], 1 <= k <= REC_RAY_TABLE_RAYS, has k rays of equal weight per pixel, those through its middle
  * and the aperture in any order.  The pixel's own ray, by which points are projected, is then the mean one:
  *     (a, b, a', b') = sum_i (a_i, b_i, a'_i, b'_i) / k                                                (1)
