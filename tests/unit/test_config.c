@@ -138,7 +138,7 @@ T_CASE(triggers_are_read_strictly_and_printed_back)
     refused("triggers:\n  - { when: appears }\n", "test.yaml:2: triggers[0]: has no name");
     refused("triggers: [{ name: a/b }]\n", "letters, digits");
     refused("triggers: [{ name: a }, { name: a }]\n", "triggers[1]: 'a' is the name of another");
-    refused("triggers: [{ name: a, when: dark }]\n", "'dark' is not one of order, light");
+    refused("triggers: [{ name: a, when: dark }]\n", "'dark' is not one of order, line, light");
     refused("triggers: [{ name: a, when: light }]\n", "when: light needs a level: add above");
     refused("triggers: [{ name: a, above: 3 }]\n", "above needs a condition");
     refused("triggers: [{ name: a, when: line }]\n", "when: line needs a camera: add camera: NAME");
