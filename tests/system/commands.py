@@ -170,7 +170,7 @@ def paste(command, here, how):
 
 
 rows = [[part.strip() for part in line.split(" | ")] for line in TABLE.strip().splitlines()]
-used, bad = set(), {}
+used, bad = set(), {}  # bad: of each source, what went wrong
 for source, command in commands():
     here = world.parent / re.sub("calibrate (dark|flat|noise|gain|colour)", "light", source)
     if not here.exists():
@@ -181,7 +181,7 @@ for source, command in commands():
         if re.search(pattern, f"{source}: {command}", re.S):
             used.add(k)
             hows.update(h.strip().partition(": ")[::2] for h in how.split("; "))
-    bad.setdefault(source, 0)
+    bad.setdefault(source, [])
     if "not" in hows or "long" in hows and not LONG:
         continue
     missing = [t for t in re.findall(r"\b(jq|mpirun|arv-tool-0.8)\b", command) if not shutil.which(t)]
@@ -192,10 +192,9 @@ for source, command in commands():
     wrong = paste(command, here, hows)
     print(f"{sum(os.times()[2:4]) - before:5.1f} s of a processor, {source}: {command}", flush=True)
     if wrong:
-        bad[source] += 1
-        print(f"  {command}\n    {wrong}", flush=True)
-for source, n in bad.items():
-    print(f"{'FAIL' if n else 'PASS'} 104:{source}")
+        bad[source].append(f"  {command}\n    {wrong}\n")
+for source, wrong in bad.items():
+    print("".join(wrong) + f"{'FAIL' if wrong else 'PASS'} 104:{source}")
 for k in set(range(len(rows))) - used if not ONLY else ():
     print(f"FAIL 104:row (no command is '{rows[k][0]}': take it out)")
     bad[rows[k][0]] = 1
