@@ -99,20 +99,6 @@ static void import_parse_unit(struct args *a, const char *arg, struct argp_state
         argp_error(st, "--unit %s: should be mm, cm, m, inch, or metres per unit", arg);
 }
 
-static void import_parse_volume(struct args *a, const char *arg, struct argp_state *st)
-{
-    const char *rest = calibrate_parse_numbers(arg, 6, a->volume);
-    bool ok = rest != NULL && *rest == '\0';
-    for (int i = 0; i < 3 && ok; i++)
-        ok = a->volume[3 + i] > a->volume[i];
-    if (!ok)
-        argp_error(st,
-                   "--volume %s: should be x0,y0,z0,x1,y1,z1 in metres, from the lower to the "
-                   "upper corner",
-                   arg);
-    a->has_volume = true;
-}
-
 static void import_parse_size(struct args *a, const char *arg, struct argp_state *st)
 {
     const char *equals = strrchr(arg, '=');
@@ -139,20 +125,17 @@ static error_t import_parse_opt(int key, char *arg, struct argp_state *st)
     switch (key) {
     case OPT_FROM: import_parse_from(a, arg, st); return 0;
     case OPT_UNIT: import_parse_unit(a, arg, st); return 0;
-    case OPT_VOLUME: import_parse_volume(a, arg, st); return 0;
+    case OPT_VOLUME:
+        calibrate_parse_volume(st, arg, a->volume);
+        a->has_volume = true;
+        return 0;
     case OPT_SIZE: import_parse_size(a, arg, st); return 0;
     case OPT_UP: a->up = cli_arg_word(st, "up", arg, up_words); return 0;
     case OPT_CENTRE:
         a->centre = cli_arg_double(st, "pixel-centre", arg, 0, 1);
         a->centred = true;
         return 0;
-    case OPT_VOXELS:
-        if (strcmp(arg, "auto") == 0)
-            memset(a->voxels, 0, sizeof a->voxels);
-        else if (!opt_rig_parse_grid(arg, a->voxels))
-            argp_error(st, "--voxels %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each",
-                       arg, REC_GRID_MAX);
-        return 0;
+    case OPT_VOXELS: calibrate_parse_voxels(st, arg, a->voxels); return 0;
     case ARGP_KEY_ARG:
         if (a->n == MAX_FILES)
             argp_error(st, "at most %d files", MAX_FILES);

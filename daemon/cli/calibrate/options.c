@@ -64,16 +64,24 @@ const char *calibrate_parse_numbers(const char *s, size_t n, double *out)
     return s;
 }
 
-static void parse_volume(struct calibrate_args *a, const char *arg, struct argp_state *st)
+void calibrate_parse_volume(struct argp_state *st, const char *arg, double volume[6])
 {
-    const char *rest = calibrate_parse_numbers(arg, 6, a->volume);
+    const char *rest = calibrate_parse_numbers(arg, 6, volume);
     if (rest == NULL || *rest != '\0')
         argp_error(st, "--volume %s: should be x0,y0,z0,x1,y1,z1 in metres", arg);
     for (int i = 0; i < 3; i++)
-        if (!(a->volume[3 + i] > a->volume[i]))
-            argp_error(st, "--volume %s: nothing between %g and %g along %c", arg, a->volume[i],
-                       a->volume[3 + i], "xyz"[i]);
-    a->has_volume = true;
+        if (!(volume[3 + i] > volume[i]))
+            argp_error(st, "--volume %s: nothing between %g and %g along %c", arg, volume[i],
+                       volume[3 + i], "xyz"[i]);
+}
+
+void calibrate_parse_voxels(struct argp_state *st, const char *arg, int32_t voxels[3])
+{
+    if (strcmp(arg, "auto") == 0)
+        memset(voxels, 0, 3 * sizeof *voxels);
+    else if (!opt_rig_parse_grid(arg, voxels))
+        argp_error(st, "--voxels %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each", arg,
+                   REC_GRID_MAX);
 }
 
 static void parse_up(struct calibrate_args *a, const char *arg, struct argp_state *st)
@@ -117,14 +125,11 @@ static error_t calibrate_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct calibrate_args *a = st->input;
     switch (key) {
-    case OPT_VOLUME: parse_volume(a, arg, st); return 0;
-    case OPT_VOXELS:
-        if (strcmp(arg, "auto") == 0)
-            memset(a->voxels, 0, sizeof a->voxels);
-        else if (!opt_rig_parse_grid(arg, a->voxels))
-            argp_error(st, "--voxels %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each",
-                       arg, REC_GRID_MAX);
+    case OPT_VOLUME:
+        calibrate_parse_volume(st, arg, a->volume);
+        a->has_volume = true;
         return 0;
+    case OPT_VOXELS: calibrate_parse_voxels(st, arg, a->voxels); return 0;
     case OPT_UP: parse_up(a, arg, st); return 0;
     case OPT_ADD: parse_name(&a->add, arg, st); return 0;
     case OPT_RECOVER: parse_name(&a->recover, arg, st); return 0;

@@ -41,5 +41,8 @@ const struct argp *calibrate_options(void);
 /* Read n numbers separated by commas.  Returns the camera's name after one more comma, "" without one; NULL:
  * wrong. */
 const char *calibrate_parse_numbers(const char *s, size_t n, double *out);
+/* --volume and --voxels.  A wrong value ends the program, as arg.h says.  voxels: 0 0 0 for auto. */
+void calibrate_parse_volume(struct argp_state *st, const char *arg, double volume[6]);
+void calibrate_parse_voxels(struct argp_state *st, const char *arg, int32_t voxels[3]);
 
 #endif

@@ -532,8 +532,8 @@ static pvx_err frames_in_next(void *ctx, struct dmn_slot *s)
     }
     s->mask = frames_in_get(f, i, NULL, s->frame, &s->problem);
     s->n_present = (uint32_t)__builtin_popcountll(s->mask);
-    s->t_last_mono_ns = pvx_now_mono();
     s->bin_ns = f->bin_ns;
+    s->t_last_mono_ns = pvx_now_mono() - s->bin_ns;
     if (s->n_present == 0)
         s->why = DMN_DROP_IMAGES;
     return f->means.n > 0 && cli_stop ? PVX_ECLOSED : PVX_OK;
