@@ -127,7 +127,7 @@ static void realtime(struct doctor *d, const char *limits, const char *title)
 static void locked_memory(struct doctor *d, const char *limits, const char *title)
 {
     uint64_t soft = 0, hard = 0;
-    double need = (double)d->load.frame_bytes * (double)d->load.n * d->load.buffers;
+    double need = doc_load_memory(&d->load);
     if (limits == NULL || !doc_parse_limit(limits, "Max locked memory", &soft, &hard))
         return;
     if (doc_settled(soft == DOC_UNLIMITED || (double)soft >= need, d, DOC_OK, 28, "limit.memlock",

@@ -27,7 +27,7 @@ static void free_memory(struct doctor *d, const char *meminfo)
     uint64_t kib = 0;
     if (!doc_parse_key_int(meminfo, "MemAvailable", 10, &kib))
         return;
-    double need = (double)d->load.frame_bytes * (double)d->load.n * d->load.buffers;
+    double need = doc_load_memory(&d->load);
     double have = (double)kib * 1024;
     if (doc_settled(have >= 2 * need, d, DOC_OK, 48, "mem.free",
                     "%.1f GB of memory free, frames take %.2f", have * 1e-9, need * 1e-9))
@@ -35,9 +35,9 @@ static void free_memory(struct doctor *d, const char *meminfo)
     struct doc_finding *f = doc_say(d, have < need ? DOC_FAIL : DOC_WARN, 78, "mem.free",
                                     "%.2f GB of memory are free, frames alone take %.2f "
                                     "(%u of each camera)",
-                                    have * 1e-9, need * 1e-9, d->load.buffers);
+                                    have * 1e-9, need * 1e-9, d->load.buffers + d->load.held);
     doc_means(f, "pyrovoxd does not start, or it is swapped out or killed while it runs");
-    doc_note(f, "end other programs, set fewer `buffers`, or add memory");
+    doc_note(f, "end other programs, set fewer `buffers` or less `record.ring`, or add memory");
 }
 
 static void huge_pages(struct doctor *d)

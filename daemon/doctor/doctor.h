@@ -65,7 +65,8 @@ struct doc_load {
     size_t frame_bytes;    /* largest */
     double bytes_per_s;    /* all cameras */
     int packet_size;       /* GigE; 0 = negotiated */
-    unsigned buffers;      /* frames per camera */
+    unsigned buffers;      /* frames per camera that a driver may fill */
+    unsigned held;         /* and of record.ring */
     bool ptp;              /* the cameras share a clock by PTP */
     bool shared_clock;     /* and it must be the host's */
     int packet_delay_ns;   /* GigE, between packets of a frame */
@@ -79,6 +80,8 @@ void doc_load_assumed(struct doc_load *l);
 /* Errors: the rig's. */
 PVX_MUST_CHECK pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l,
                                        struct pvx_diag *d);
+/* Bytes of all frames that the daemon keeps. */
+double doc_load_memory(const struct doc_load *l);
 size_t doc_load_count(const struct doc_load *l, enum doc_kind kind);
 
 /* Interfaces that cameras are, or may be, on. */

@@ -1,6 +1,7 @@
 /* load.c - what the cameras ask of the host. */
 #include <arpa/inet.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,6 +34,11 @@ static void sum(struct doc_load *l)
             l->frame_bytes = l->camera[i].frame_bytes;
         l->bytes_per_s += (double)l->camera[i].frame_bytes * l->fps;
     }
+}
+
+double doc_load_memory(const struct doc_load *l)
+{
+    return (double)l->frame_bytes * (double)l->n * (l->buffers + l->held);
 }
 
 size_t doc_load_count(const struct doc_load *l, enum doc_kind kind)
@@ -83,6 +89,15 @@ static void record_folder(const struct dmn_config *c, struct doc_load *l)
         *slash = '\0';
 }
 
+/* Frames of each camera that record.ring holds at most. */
+static unsigned ring_frames(const struct dmn_config *c, const struct doc_load *l)
+{
+    double set = 0, want = ceil(c->ring.seconds * c->fps);
+    for (size_t i = 0; i < l->n; i++)
+        set += (double)l->camera[i].frame_bytes;
+    return c->ring.seconds > 0 && set > 0 ? (unsigned)fmin(want, floor(c->ring.memory / set)) : 0;
+}
+
 static bool on_a_wire(const struct doc_load *l)
 {
     for (size_t i = 0; i < l->n; i++)
@@ -113,6 +128,7 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     }
     l->packet_size = (int)c->packet_size;
     l->buffers = (unsigned)c->buffers;
+    l->held = ring_frames(c, l);
     record_folder(c, l);
     bool scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
     bool wire = on_a_wire(l); /* cameras on loopback are simulated: they have the host's clock */

@@ -975,6 +975,9 @@ static void load_of(const char *text, struct doc_load *l)
     T_EQ_S(d.text, "");
     free(c);
 }
+#define RING(memory)                                                                         \
+    "rig: tests/data/rig4.yaml\nfps: 10\npixel_format: Mono8\ncameras: \"files:x/%d.png\"\n" \
+    "buffers: 16\nrecord: {ring: {seconds: 5, memory: " memory "}}\n"
 T_CASE(configuration)
 {
     static struct doc_load l;
@@ -1002,6 +1005,14 @@ T_CASE(configuration)
             &l);
     T_OK(!l.ptp && !l.shared_clock && l.triggered);
     T_EQ_S(l.record, "");
+    /* the ring's frames are memory too: 5 s at 10 Hz, or what fits into its bytes */
+    T_EQ_I(l.held, 0);
+    load_of(RING("1GB"), &l);
+    T_EQ_I(l.held, 50);
+    T_NEAR(doc_load_memory(&l), 4.0 * (16 + 50) * (double)l.frame_bytes, 1e-6);
+    load_of(RING("500kB"), &l);
+    T_EQ_I(l.held, (int)(5e5 / (4.0 * (double)l.frame_bytes)));
+    T_OK(l.held < 50);
 }
 
 T_CASE(more_than_fits)
