@@ -143,7 +143,7 @@ endef
 $(foreach r,$(ROOMS),$(eval $(call room,$(r))))
 
 # One file for a subscriber: the wire format, and of base what it calls.
-CLIENT_FILES := fields pvp_decode pvp_encode pvp_messages pvp_preview attach auth keys door clients/sub
+CLIENT_FILES := fields pvp_decode pvp_encode pvp_messages pvp_preview pvp_bars attach auth keys door clients/sub
 $(B)/lib/libpyrovox-client.so.1: proto/clients/client.map $(CLIENT_FILES:%=$(B)/proto/%.o) $(B)/daemon/base/room.a
 $(B)/lib/libpyrovox-client.so.1: SO_LIBS = $(LDLIBS)
 RECON_OBJ := $(foreach r,$(RECON_ROOMS),$(call room_obj,$(r)))

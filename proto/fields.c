@@ -97,7 +97,6 @@ static void report_fields(struct wire *w, struct pvp_report *r)
 
 void pvp_volume_fields(struct wire *w, struct pvp_volume *v, struct pvp_payload *p)
 {
-    uint32_t reserved = 0; /* keeps what follows aligned to 8 */
     wire_u32(w, &p->description);
     wire_u32(w, &p->sample);
     wire_u32(w, &p->comp);
@@ -113,7 +112,7 @@ void pvp_volume_fields(struct wire *w, struct pvp_volume *v, struct pvp_payload 
     pvp_box_fields(w, &v->grid);
     report_fields(w, &v->report);
     wire_u32(w, &p->n_bricks);
-    wire_u32(w, &reserved);
+    wire_u32(w, &p->doubt);
     wire_u64(w, &p->raw_len);
     wire_u64(w, &p->stored);
 }

@@ -12,6 +12,7 @@ size_t pvp_sample_size(enum pvp_sample s);
 struct pvp_payload {
     uint32_t description; /* bytes before the brick ids */
     uint32_t sample, comp, side, n_bricks;
+    uint32_t doubt; /* of bars; 0 in a volume */
     uint64_t raw_len, stored;
 };
 /* Each function writes or reads, depending on w.  The header: all fields after the first four bytes.  *body:
@@ -29,6 +30,10 @@ PVX_MUST_CHECK pvx_err pvp_encode(pvp_encoder *e, uint64_t sequence, enum pvp_ty
                                   const void *what, const void **msg, size_t *len);
 /* The result of the decode function of the type.  PVX_EUNSUP: a type that is not known here. */
 PVX_MUST_CHECK pvx_err pvp_check(enum pvp_type type, const void *msg, size_t len);
+
+/* The body of a volume or of bars.  *doubt: the field that only bars have. */
+PVX_MUST_CHECK pvx_err pvp_decode_bricks(const void *msg, size_t len, enum pvp_type type,
+                                         struct pvp_view *out, uint32_t *doubt, struct pvx_diag *d);
 
 /* Header of a message that must be of `type`; *in = its body. */
 PVX_MUST_CHECK pvx_err pvp_open_body(const void *msg, size_t len, enum pvp_type type,

@@ -310,6 +310,20 @@ pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, const struct pvp_
     return send_message(p, msg, len);
 }
 
+pvx_err pvp_pub_bars(pvp_pub *p, const struct pvp_volume *v, uint32_t doubt,
+                     const struct pvp_voxels *sd, size_t *bytes)
+{
+    const void *msg;
+    size_t len;
+    struct pvp_volume mine = *v;
+    mine.session = p->start.session;
+    pub_tick(p, true);
+    PVX_TRY(pvp_encode_bars(p->encoder, p->sequence, &mine, doubt, sd, &msg, &len));
+    if (bytes != NULL)
+        *bytes = len;
+    return send_message(p, msg, len);
+}
+
 void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp)
 {
     pvp_encoder_compress(p->encoder, comp);

@@ -34,6 +34,9 @@ PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct 
  * message, may be NULL.  Repeats start first when it is due. */
 PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
                                       const struct pvp_voxels *x, size_t *bytes);
+/* Error bars of the volume that is published next, as pvp_encode_bars. */
+PVX_MUST_CHECK pvx_err pvp_pub_bars(pvp_pub *p, const struct pvp_volume *v, uint32_t doubt,
+                                    const struct pvp_voxels *sd, size_t *bytes);
 /* Compression from the next volume on. */
 void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp);
 /* A message of another type.  `what`: the text (const char *) of PVP_STATUS, PVP_EVENT and PVP_END, whose reason is

@@ -1,7 +1,7 @@
 /* pvp.h - Pyrovox wire format: encode and decode one message in memory (PROTOCOL.md is the spec).
  *
  * One message = one ZeroMQ frame, little-endian, fixed header with type, version, sequence and
- * length; a subscriber filters on the first bytes.  Types: start, volume, status, end, rig, event, preview.
+ * length; a subscriber filters on the first bytes.  Types: start, volume, status, end, rig, event, preview, bars.
  * A volume carries only bricks of 8^3 voxels that have an active voxel.
  * Decoding is bounds-checked and never trusts a length; it gives views into the message, and
  * pvp_volume_unpack writes into the caller's array.  Only pvp_decoder owns memory: room for one
@@ -22,9 +22,10 @@ enum pvp_type {
     PVP_VOLUME = 200,
     PVP_STATUS = 300,
     PVP_END = 400,
-    PVP_RIG = 500,    /* since 1.1, as all that follow */
-    PVP_EVENT = 600,  /* an event, as JSON */
-    PVP_PREVIEW = 700 /* the cameras' pictures, on an endpoint of its own */
+    PVP_RIG = 500,     /* since 1.1, as all that follow */
+    PVP_EVENT = 600,   /* an event, as JSON */
+    PVP_PREVIEW = 700, /* the cameras' pictures, on an endpoint of its own */
+    PVP_BARS = 800     /* since 1.2: error bars of the volume that follows */
 };
 enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
 enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
@@ -38,7 +39,7 @@ enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
 #define PVP_PREVIEW_SIDE  320               /* pixels of a preview picture's longer side, at most */
 #define PVP_CAMERAS_MAX   64
 #define PVP_VERSION_MAJOR 1
-#define PVP_VERSION_MINOR 1
+#define PVP_VERSION_MINOR 2
 
 /* Header flags.  A reader may ignore unknown flags among the lower 16, but not among the upper 16. */
 #define PVP_FLAG_CLAMPED 1u /* volume in f16: some value was beyond +-65504 and was cut to it */
@@ -89,6 +90,23 @@ struct pvp_volume {
     struct pvp_report report;
 };
 
+/* Why the error bars of a volume may be too small: bits, names and sentences, the only list of them. */
+#define PVP_DOUBTS(X)                                                                      \
+    X(0, POOR_FIT, "poor-fit",                                                             \
+      "the model misses the pictures by more than noise, calibration and texture explain") \
+    X(1, FEW_CAMERAS, "few-cameras", "there are too few cameras to leave some out")        \
+    X(2, SHARED, "shared",                                                                 \
+      "an error that all cameras share shows, as absorption or an unknown body does")      \
+    X(3, LATE, "late", "too few draws have been made yet")
+enum pvp_doubt {
+#define PVP_DOUBT_BIT(bit, id, name, sentence) PVP_DOUBT_##id = 1 << (bit),
+    PVP_DOUBTS(PVP_DOUBT_BIT)
+#undef PVP_DOUBT_BIT
+};
+/* "poor-fit" and its sentence for bit 0, and so on; NULL: this version has no such bit. */
+const char *pvp_doubt_name(unsigned bit);
+const char *pvp_doubt_sentence(unsigned bit);
+
 /* --- encoding: buffers are sized once for the grid, as reserved address space --- */
 typedef struct pvp_encoder pvp_encoder;
 /* Errors: PVX_EINVAL (grid, sample or compression outside what the format knows), PVX_ENOMEM. */
@@ -110,6 +128,11 @@ struct pvp_voxels {
 PVX_MUST_CHECK pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence,
                                          const struct pvp_volume *v, const struct pvp_voxels *x,
                                          const void **msg, size_t *len);
+/* Error bars of the volume that follows: one standard deviation for each of its voxels (sd->index is the volume's),
+ * none below 0.  doubt: bits of enum pvp_doubt.  Otherwise as pvp_encode_volume. */
+PVX_MUST_CHECK pvx_err pvp_encode_bars(pvp_encoder *e, uint64_t sequence,
+                                       const struct pvp_volume *v, uint32_t doubt,
+                                       const struct pvp_voxels *sd, const void **msg, size_t *len);
 PVX_MUST_CHECK pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence,
                                         const struct pvp_start *s, const void **msg, size_t *len);
 /* JSON text, unchanged; PVX_ERANGE above PVP_STATUS_MAX.  Carries the session of the last start. */
@@ -177,6 +200,12 @@ PVX_MUST_CHECK pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_
                                         struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out,
                                          struct pvx_diag *d);
+/* Error bars: a view like a volume's, whose samples are standard deviations, and bits of enum pvp_doubt; unknown bits
+ * count as doubt too. */
+PVX_MUST_CHECK pvx_err pvp_decode_bars(const void *msg, size_t len, struct pvp_view *out,
+                                       uint32_t *doubt, struct pvx_diag *d);
+/* Whether the bars belong to the volume: same session, set, grid and bricks. */
+bool pvp_bars_fit(const struct pvp_view *bars, const struct pvp_view *volume);
 typedef struct pvp_decoder pvp_decoder;
 PVX_MUST_CHECK pvx_err pvp_decoder_new(pvp_decoder **out);
 void pvp_decoder_free(pvp_decoder **dec);

@@ -53,17 +53,20 @@ static pvx_err check_ids(const struct pvp_view *v, uint32_t bricks, struct pvx_d
     return PVX_OK;
 }
 
-pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, struct pvx_diag *d)
+pvx_err pvp_decode_bricks(const void *msg, size_t len, enum pvp_type type, struct pvp_view *out,
+                          uint32_t *doubt, struct pvx_diag *d)
 {
     struct pvp_header h;
     struct wire in = {0};
     *out = (struct pvp_view){0};
-    PVX_TRY(pvp_open_body(msg, len, PVP_VOLUME, &h, &in, d));
+    *doubt = 0;
+    PVX_TRY(pvp_open_body(msg, len, type, &h, &in, d));
     struct pvp_volume *v = &out->v;
     v->session = h.session;
     out->clamped = (h.flags & PVP_FLAG_CLAMPED) != 0;
     struct pvp_payload p;
     pvp_volume_fields(&in, v, &p);
+    *doubt = p.doubt;
     if (in.bad || p.description < WIRE_VOLUME || p.description > in.len)
         return pvx_fail(d, PVX_EFORMAT, "volume message is cut short or has a bad text field");
     if ((p.sample != PVP_F32 && p.sample != PVP_F16) || p.comp > PVP_ZSTD || p.side != PVP_BRICK)
@@ -94,6 +97,12 @@ pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, str
     if (in.bad)
         return pvx_fail(d, PVX_EFORMAT, "volume message is cut short");
     return check_ids(out, bricks, d);
+}
+
+pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, struct pvx_diag *d)
+{
+    uint32_t reserved;
+    return pvp_decode_bricks(msg, len, PVP_VOLUME, out, &reserved, d);
 }
 
 struct pvp_decoder {

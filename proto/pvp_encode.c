@@ -190,8 +190,9 @@ static size_t compress(struct pvp_encoder *e, size_t raw_len, uint8_t *dst)
     return ZSTD_isError(n) ? 0 : n;
 }
 
-pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_volume *v,
-                          const struct pvp_voxels *x, const void **msg, size_t *len)
+pvx_err pvp_encode_bricks(struct pvp_encoder *e, enum pvp_type type, uint64_t sequence,
+                          const struct pvp_volume *v, uint32_t doubt, const struct pvp_voxels *x,
+                          const void **msg, size_t *len)
 {
     if (!pvp_grid_same(&v->grid, &e->grid) || (x->n > 0 && x->stride < (int)e->grid.channels))
         return PVX_EINVAL;
@@ -213,13 +214,25 @@ pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_vo
     }
     struct wire w = {.out = e->msg, .at = WIRE_HEADER};
     struct pvp_volume fields = *v;
-    struct pvp_payload p = {
-        WIRE_VOLUME, (uint32_t)e->sample, (uint32_t)comp, PVP_BRICK, n_bricks, raw_len, stored};
+    struct pvp_payload p = {.description = WIRE_VOLUME,
+                            .sample = (uint32_t)e->sample,
+                            .comp = (uint32_t)comp,
+                            .side = PVP_BRICK,
+                            .n_bricks = n_bricks,
+                            .doubt = doubt,
+                            .raw_len = raw_len,
+                            .stored = stored};
     pvp_volume_fields(&w, &fields, &p);
     pvp_finish(e,
-               (struct pvp_header){PVP_VOLUME, .flags = clamped ? PVP_FLAG_CLAMPED : 0,
+               (struct pvp_header){type, .flags = clamped ? PVP_FLAG_CLAMPED : 0,
                                    .sequence = sequence, .session = v->session,
                                    .body = ids.at - WIRE_HEADER + stored},
                msg, len);
     return PVX_OK;
+}
+
+pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_volume *v,
+                          const struct pvp_voxels *x, const void **msg, size_t *len)
+{
+    return pvp_encode_bricks(e, PVP_VOLUME, sequence, v, 0, x, msg, len);
 }

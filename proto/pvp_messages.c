@@ -199,6 +199,7 @@ pvx_err pvp_check(enum pvp_type type, const void *msg, size_t len)
     const char *text;
     size_t n;
     uint64_t id;
+    uint32_t doubt;
     switch (type) {
     case PVP_START: return pvp_decode_start(msg, len, &to.start, NULL);
     case PVP_VOLUME: return pvp_decode_volume(msg, len, &to.view, NULL);
@@ -206,6 +207,7 @@ pvx_err pvp_check(enum pvp_type type, const void *msg, size_t len)
     case PVP_RIG: return pvp_decode_rig(msg, len, &id, &text, &n, NULL);
     case PVP_EVENT: return pvp_decode_event(msg, len, &text, &n, NULL);
     case PVP_PREVIEW: return pvp_decode_preview(msg, len, &to.preview, NULL);
+    case PVP_BARS: return pvp_decode_bars(msg, len, &to.view, &doubt, NULL);
     case PVP_END: return pvp_decode_end(msg, len, &id, to.reason, NULL);
     }
     return PVX_EUNSUP;

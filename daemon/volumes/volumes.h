@@ -20,6 +20,16 @@ struct vol_head {
     const char *config; /* all keys of pyrovoxd.yaml, NULL = not known */
 };
 
+/* Error bars.  With modes d_k, the covariance of a channel's voxels is sum_k d_k d_k' + diag(t^2), where
+ * t^2 = sd^2 - sum_k d_k^2 (0 if that is below 0).  All of 0: there are none. */
+struct vol_bars {
+    const float *sd;    /* [n_bricks][8^3][channels], one standard deviation; NULL: no bars */
+    uint32_t n_modes;   /* 0: not known, so that sums over voxels have no bar */
+    const float *modes; /* [n_modes][n_bricks][8^3][channels] */
+    uint32_t doubt;     /* bits of enum pvp_doubt: why the bars may be too small */
+};
+#define VOL_MODES_MAX 256u
+
 struct vol_volume {
     struct pvp_volume v;
     enum pvp_sample sample; /* as on the wire */
@@ -27,6 +37,7 @@ struct vol_volume {
     uint32_t n_bricks;
     const uint32_t *ids; /* [n_bricks] */
     const float *brick;  /* [n_bricks][8^3][channels] */
+    struct vol_bars bars;
 };
 
 /* Sets that are missing: between two volumes, or before a session's first. */

@@ -7,6 +7,7 @@
         for m in sub:
             if m["type"] == "volume":
                 m["dense"]      # float32 [nz][ny][nx][channels]
+                m["sd"]         # one standard deviation of each, None: the daemon sends no error bars
         print(sub.lost)         # messages that did not reach us
 """
 import argparse, ctypes, ctypes.util, functools, json, os, socket as sockets, struct, sys, time
@@ -23,7 +24,8 @@ VOLUME = struct.Struct("<4IQ4qQI3I2I6d2I16sd2IQ5q2I2Q")
 RIG = struct.Struct("<Q2I")
 PREVIEW = struct.Struct("<2IQq2I")
 CAMERA = struct.Struct("<64sI4H7I")
-TYPES = {100: "start", 200: "volume", 300: "status", 400: "end", 500: "rig", 600: "event", 700: "preview"}
+TYPES = {100: "start", 200: "volume", 300: "status", 400: "end", 500: "rig", 600: "event", 700: "preview", 800: "bars"}
+DOUBTS = ("poor-fit", "few-cameras", "shared", "late")  # why error bars may be too small, by bit
 MEMORY = 1 << 30  # bytes: a volume as floats, 645^3 voxels of one colour, 447^3 of three
 BROKEN_OFF = 3  # handshakes in a row that the other end breaks off, before it is no accident
 MISMATCH = 0x11000002  # libzmq's PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: one end has keys, the other none
@@ -125,8 +127,28 @@ def check_grid(nxyz, channels, memory):
 
 def decode_volume(body, memory, start):
     m = decode_bricks(body, memory, start)
-    m["dense"] = unpack(m["n"], m["channels"], m.pop("ids"), m.pop("values"))
+    m["dense"] = unpack(m["n"], m["channels"], m["ids"], m.pop("values"))
     return m
+
+
+def decode_bars(body, memory, start):
+    """Error bars: `sd` as a volume's `dense`, and the names of the doubts about them."""
+    m = decode_bricks(body, memory, start)
+    values = m.pop("values")
+    if np.any(values < 0):
+        raise BadMessage("a deviation below 0")
+    bits, = struct.unpack_from("<I", body, 228)
+    return {**m, "sd": unpack(m["n"], m["channels"], m["ids"], values), "doubt": bits, "doubts": doubts(bits)}
+
+
+def doubts(bits):
+    return [DOUBTS[b] if b < len(DOUBTS) else f"bit {b}" for b in range(32) if bits >> b & 1]
+
+
+def bars_of(bars, m, ids):
+    """Add to the volume `m` what `bars`, which came before it, say: they may be None, or of another volume."""
+    fit = bars and all(bars[k] == m[k] for k in ("session", "set", "n", "channels")) and np.array_equal(bars["ids"], ids)
+    m.update({k: bars[k] if fit else none for k, none in (("sd", None), ("doubt", 0), ("doubts", []))})
 
 
 def decode_bricks(body, memory, start):
@@ -212,6 +234,8 @@ def decode_body(kind, body, memory, start):
                 "units": text(f[14]), "software": text(f[15])}
     if kind == "volume":
         return decode_volume(body, memory, start)
+    if kind == "bars":
+        return decode_bars(body, memory, start)
     if kind == "status":
         return {"status": json.loads(body)}
     if kind == "event":
@@ -235,7 +259,7 @@ def decode(msg, memory=MEMORY, start=None):
         m.update(decode_body(m["type"], body, memory, start))
     except (struct.error, UnicodeDecodeError, ValueError) as e:
         raise e if isinstance(e, BadMessage) else BadMessage(str(e)) from None
-    if m["type"] == "volume":
+    if m["type"] in ("volume", "bars"):
         m["clamped"] = bool(flags & 1)
     return m
 
@@ -362,7 +386,7 @@ class Subscriber:
         self.poller.register(self.socket, zmq.POLLIN)
         self.poller.register(self.door.news, zmq.POLLIN)
         self.timeout_ms, self.memory = timeout_ms, memory
-        self.start, self.session, self.next = None, None, 0
+        self.start, self.session, self.next, self.bars = None, None, 0, None
         self.received = self.lost = self.malformed = 0
 
     def __enter__(self):
@@ -392,13 +416,13 @@ class Subscriber:
                 self.malformed += 1
                 continue
             if m["session"] != self.session:
-                self.session, self.next, self.start = m["session"], m["sequence"], None
+                self.session, self.next, self.start, self.bars = m["session"], m["sequence"], None, None
             if m["sequence"] < self.next:
                 continue  # a repetition
             self.lost += m["sequence"] - self.next
             self.next = m["sequence"] + 1
             self.received += 1
-            if m["type"] not in TYPES.values() or (m["type"] == "volume" and not self.start):
+            if m["type"] not in TYPES.values() or (m["type"] in ("volume", "bars") and not self.start):
                 continue
             if m["type"] == "start":
                 self.start = None  # until it was read
@@ -411,6 +435,11 @@ class Subscriber:
                 continue
             if m["type"] == "start":
                 self.start = m
+            elif m["type"] == "bars":  # they wait for their volume
+                self.bars = m
+                continue
+            elif m["type"] == "volume":
+                bars_of(self.bars, m, m["ids"])
             return m
 
 

@@ -21,9 +21,13 @@ struct pvp_sub {
     pvp_door *door;
     char *endpoint;
     bool has_key;
-    zmq_msg_t msg;  /* the last message, which pvp_sub_next lends */
-    zmq_msg_t late; /* the message behind the volume that was lent last; it comes next */
-    bool newest, have_late;
+    zmq_msg_t msg; /* the last message, which pvp_sub_next lends */
+    zmq_msg_t late
+        [2]; /* the messages behind the volume that was lent last; they come next: bars, then another */
+    int n_late;
+    zmq_msg_t bars;      /* the newest error bars */
+    bool have_bars, fit; /* fit: they belong to the volume that was lent last */
+    bool newest;
     char *rig; /* NULL: none yet */
     uint64_t rig_hash;
     bool in_session, have_start;
@@ -72,7 +76,9 @@ pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o, pvp_s
     s->memory = o != NULL && o->memory > 0 ? o->memory : PVP_SUB_MEMORY;
     s->newest = o != NULL && o->newest;
     zmq_msg_init(&s->msg);
-    zmq_msg_init(&s->late);
+    zmq_msg_init(&s->late[0]);
+    zmq_msg_init(&s->late[1]);
+    zmq_msg_init(&s->bars);
     pvx_err e = connect_socket(s, endpoint, o != NULL ? o->key : NULL, d);
     if (e != PVX_OK) {
         pvp_sub_free(&s);
@@ -87,7 +93,9 @@ void pvp_sub_free(pvp_sub **s)
     if (*s == NULL)
         return;
     zmq_msg_close(&(*s)->msg);
-    zmq_msg_close(&(*s)->late);
+    zmq_msg_close(&(*s)->late[0]);
+    zmq_msg_close(&(*s)->late[1]);
+    zmq_msg_close(&(*s)->bars);
     free((*s)->rig);
     pvp_door_free(&(*s)->door);
     free((*s)->endpoint);
@@ -102,9 +110,10 @@ void pvp_sub_free(pvp_sub **s)
 /* PVX_OK: s->msg is the next message. */
 static pvx_err sub_receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until, struct pvx_diag *d)
 {
-    if (s->have_late) {
-        zmq_msg_move(&s->msg, &s->late);
-        s->have_late = false;
+    if (s->n_late > 0) {
+        zmq_msg_move(&s->msg, &s->late[0]);
+        if (--s->n_late > 0)
+            zmq_msg_move(&s->late[0], &s->late[1]);
         return PVX_OK;
     }
     for (;;) {
@@ -134,7 +143,7 @@ static bool sub_count(struct pvp_sub *s, const struct pvp_header *h)
 {
     if (!s->in_session || h->session != s->session) {
         s->in_session = true;
-        s->have_start = false;
+        s->have_start = s->have_bars = false;
         PVX_FREE(s->rig);
         s->session = h->session;
         s->next_sequence = h->sequence;
@@ -182,6 +191,32 @@ static bool keep_rig(struct pvp_sub *s, const void *msg, size_t len)
     return true;
 }
 
+/* Bars in s->msg wait for their volume. */
+static bool keep_bars(struct pvp_sub *s, const void *msg, size_t len)
+{
+    struct pvp_view view;
+    uint32_t doubt;
+    s->have_bars = false;
+    if (!s->have_start)
+        return true;
+    if (pvp_decode_bars(msg, len, &view, &doubt, NULL) != PVX_OK ||
+        !pvp_grid_same(&view.v.grid, &s->start.grid))
+        return false;
+    zmq_msg_move(&s->bars, &s->msg);
+    s->have_bars = true;
+    return true;
+}
+
+static bool bars_of(struct pvp_sub *s, const struct pvp_view *volume)
+{
+    struct pvp_view bars;
+    uint32_t doubt;
+    return s->have_bars &&
+           pvp_decode_bars(zmq_msg_data(&s->bars), zmq_msg_size(&s->bars), &bars, &doubt, NULL) ==
+               PVX_OK &&
+           pvp_bars_fit(&bars, volume);
+}
+
 /* *mine: whether the message is for the caller. */
 static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len,
                         bool *mine, struct pvx_diag *d)
@@ -201,7 +236,9 @@ static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const voi
         if (s->have_start)
             *mine = readable = pvp_decode_volume(msg, len, &view, NULL) == PVX_OK &&
                                pvp_grid_same(&view.v.grid, &s->start.grid);
+        s->fit = *mine && bars_of(s, &view);
         break;
+    case PVP_BARS: readable = keep_bars(s, msg, len); break;
     case PVP_RIG: *mine = readable = keep_rig(s, msg, len); break;
     default:
         e = pvp_check(h->type, msg, len);
@@ -212,17 +249,28 @@ static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const voi
     return PVX_OK;
 }
 
-/* Whether another volume has come behind the one in s->msg.  Any message that has come waits in s->late for its
- * turn; if it is not a volume, the one in s->msg is the newest for this call. */
-static bool passed_over(struct pvp_sub *s)
+/* Receives the next message behind the volume in s->msg, if one has come, and tells its type, else 0. */
+static enum pvp_type look_behind(struct pvp_sub *s)
 {
     struct pvp_header h;
-    if (zmq_msg_recv(&s->late, s->socket, ZMQ_DONTWAIT) < 0)
-        return false;
-    s->have_late = true;
-    return !zmq_msg_more(&s->late) &&
-           pvp_decode_header(zmq_msg_data(&s->late), zmq_msg_size(&s->late), &h, NULL) == PVX_OK &&
-           h.type == PVP_VOLUME && h.session == s->session;
+    zmq_msg_t *late = &s->late[s->n_late];
+    if (zmq_msg_recv(late, s->socket, ZMQ_DONTWAIT) < 0)
+        return (enum pvp_type)0;
+    s->n_late++;
+    bool known = !zmq_msg_more(late) &&
+                 pvp_decode_header(zmq_msg_data(late), zmq_msg_size(late), &h, NULL) == PVX_OK &&
+                 h.session == s->session;
+    return known ? h.type : (enum pvp_type)0;
+}
+
+/* Whether another volume has come behind the one in s->msg, perhaps with bars before it.  Any message that has come
+ * waits in s->late for its turn; if it is neither, the one in s->msg is the newest for this call. */
+static bool passed_over(struct pvp_sub *s)
+{
+    enum pvp_type next = look_behind(s);
+    if (next == PVP_BARS)
+        next = look_behind(s);
+    return next == PVP_VOLUME;
 }
 
 pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const void **msg,
@@ -230,6 +278,7 @@ pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const
 {
     int64_t until = timeout_ns >= 0 ? pvx_now_mono() + timeout_ns : 0;
     for (;;) {
+        s->fit = false;
         PVX_TRY(sub_receive(s, timeout_ns, until, d));
         *msg = zmq_msg_data(&s->msg);
         *len = zmq_msg_size(&s->msg);
@@ -260,6 +309,13 @@ const char *pvp_sub_rig(const pvp_sub *s, uint64_t *rig_hash)
     if (rig_hash != NULL)
         *rig_hash = s->rig_hash;
     return s->rig;
+}
+
+const void *pvp_sub_bars(const pvp_sub *s, size_t *len)
+{
+    zmq_msg_t *bars = (zmq_msg_t *)&s->bars; /* zmq_msg_data takes no const */
+    *len = s->fit ? zmq_msg_size(bars) : 0;
+    return s->fit ? zmq_msg_data(bars) : NULL;
 }
 
 int pvp_sub_fd(const pvp_sub *s)

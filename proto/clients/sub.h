@@ -43,6 +43,9 @@ const struct pvp_start *pvp_sub_start(const pvp_sub *s);
 /* The session's rig.yaml, zero-terminated, and the start's rig_hash that it has; NULL until its message
  * arrives, soon after the start, from daemons of protocol 1.1 on.  Borrowed until the next pvp_sub_next. */
 const char *pvp_sub_rig(const pvp_sub *s, uint64_t *rig_hash);
+/* Error bars of the volume that pvp_sub_next returned last: a message for pvp_decode_bars, whose samples are for the
+ * volume's bricks.  NULL: it has none.  pvp_sub_next does not return these messages.  Borrowed until its next call. */
+const void *pvp_sub_bars(const pvp_sub *s, size_t *len);
 /* For poll, select and event loops; readable = something may have come.  It is edge-triggered, as ZMQ_FD is: call
  * pvp_sub_next with timeout 0 until it says PVX_ETIMEDOUT before waiting, the first time too.  -1: none. */
 int pvp_sub_fd(const pvp_sub *s);

@@ -14,13 +14,13 @@ bad, names = 0, sorted(glob.glob("proto/vectors/*.bin"))
 for name in names:
     raw = open(name, "rb").read()
     got, want = pvx.decode(raw), json.load(open(name[:-4] + ".json"))
-    if want["type"] == "volume":
+    if want["type"] in ("volume", "bars"):
         nx, ny, nz = want["n"]
         dense = np.zeros((nz * ny * nx, want["channels"]), np.float32)
         for index, *value in want.pop("voxels"):
             dense[index] = value
         dense = dense.reshape(nz, ny, nx, -1)
-        have = got.pop("dense")
+        have = got.pop("dense" if want["type"] == "volume" else "sd")
         if have.dtype != np.float32 or have.shape != dense.shape or not np.array_equal(have, dense):
             print(f"{name}: voxels differ"); bad += 1
     for camera in got.get("cameras", ()):
@@ -33,7 +33,7 @@ for name in names:
             pvx.decode(raw[:cut]); print(f"{name}: {cut} bytes were taken"); bad += 1
         except pvx.BadMessage:
             pass
-sys.exit(bad > 0 or len(names) < 12)
+sys.exit(bad > 0 or len(names) < 13)
 PY
 }
 check golden_messages golden

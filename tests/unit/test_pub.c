@@ -672,6 +672,72 @@ T_CASE(newest_only)
     pvp_sub_free(&s);
 }
 
+static pvx_err publish_bars(pvp_pub *p, uint64_t set, float value)
+{
+    struct pvp_volume v = {.set = set, .grid = small};
+    int32_t index = (int32_t)(set % 720);
+    return pvp_pub_bars(p, &v, PVP_DOUBT_LATE, &(struct pvp_voxels){1, &index, &value, 1}, NULL);
+}
+
+/* Bars come with their volume and with no other, also where volumes are passed over; they are no message of their own. */
+static void bars_come(bool newest)
+{
+    pvp_pub *p;
+    pvp_sub *s;
+    struct pvp_header h;
+    struct pvp_view v, b;
+    struct pvp_sub_stats st;
+    const void *msg, *bars;
+    size_t len;
+    uint32_t doubt;
+    struct pvx_diag d = {""};
+    T_EQ_I(open_deep(endpoint, 5, 100, &p, &d), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, &(struct pvp_sub_options){.newest = newest}, &s, NULL), PVX_OK);
+    T_OK(joined(p, s));
+    T_OK(pvp_sub_bars(s, &len) == NULL);
+    for (uint64_t set = 0; set < 9; set++) {
+        if (set % 3 != 1) /* each third has none; the last has those of another set */
+            T_EQ_I(publish_bars(p, set < 8 ? set : 700, 0.5f), PVX_OK);
+        T_EQ_I(publish_voxel(p, set, 1), PVX_OK);
+    }
+    T_EQ_I(pvp_pub_say(p, PVP_END, "done"), PVX_OK);
+    pvp_pub_free(&p);
+    uint64_t volumes = 0, last = 99;
+    while (pvp_sub_next(s, PATIENCE_NS, &h, &msg, &len, NULL) == PVX_OK && h.type != PVP_END) {
+        bars = pvp_sub_bars(s, &len);
+        T_OK(h.type != PVP_BARS);
+        if (h.type != PVP_VOLUME) {
+            T_OK(bars == NULL);
+            continue;
+        }
+        T_EQ_I(pvp_decode_volume(msg, h.head + h.body, &v, NULL), PVX_OK);
+        last = v.v.set;
+        volumes++;
+        T_EQ_I(bars != NULL, last % 3 != 1 && last < 8);
+        if (bars == NULL)
+            continue;
+        T_EQ_I(pvp_decode_bars(bars, len, &b, &doubt, NULL), PVX_OK);
+        T_EQ_I(b.v.set, last);
+        T_EQ_I(doubt, PVP_DOUBT_LATE);
+    }
+    T_EQ_I(h.type, PVP_END);
+    T_EQ_I(last, 8);
+    pvp_sub_stats(s, &st);
+    T_EQ_I(st.skipped + volumes, 9);
+    T_EQ_I(st.lost + st.malformed, 0);
+    pvp_sub_free(&s);
+}
+
+T_CASE(bars_with_their_volumes)
+{
+    bars_come(false);
+}
+
+T_CASE(bars_of_the_newest)
+{
+    bars_come(true);
+}
+
 /* --- the system tests' publisher --- */
 static int publish(const char *at, int volumes, int skip, bool say_end)
 {

@@ -372,7 +372,7 @@ T_CASE(header_counts)
         T_EQ_I(h.sequence, 10 + i);
         T_EQ_I(h.type_sequence, i);
         T_EQ_I(h.type, PVP_VOLUME);
-        T_EQ_I(h.version, 1 << 16 | 1);
+        T_EQ_I(h.version, 1 << 16 | 2);
     }
     const uint8_t prefix[] = {'P', 'V', 'X', '1', PVP_VOLUME & 255, PVP_VOLUME >> 8};
     T_OK(memcmp(prefix, msg, sizeof prefix) == 0);
@@ -516,6 +516,49 @@ T_CASE(later_minor)
     sample_free(&s);
 }
 
+/* Bars are a volume's body under a type of their own: a reader that wants the one refuses the other. */
+T_CASE(bars)
+{
+    struct sample s = sample_new(describe(10, 9, 8, 3), PVP_F32, PVP_ZSTD, 0, 5);
+    struct pvp_voxels x = {s.n, s.index, s.value, 3};
+    struct pvp_view view, of;
+    struct pvx_diag d = {""};
+    const void *msg;
+    uint32_t doubt = 77;
+    size_t len, volume_len;
+    float dense[10 * 9 * 8 * 3];
+    pvp_encoder *e;
+    pvp_decoder *dec;
+    uint8_t *volume = encode(&s, 0, &volume_len);
+    T_EQ_I(pvp_encoder_new(&s.v.grid, PVP_F32, PVP_ZSTD, &e), PVX_OK);
+    T_EQ_I(pvp_decoder_new(&dec), PVX_OK);
+    T_EQ_I(pvp_encode_bars(e, 3, &s.v, PVP_DOUBT_SHARED, &x, &msg, &len), PVX_OK);
+    T_EQ_I(pvp_decode_volume(msg, len, &view, &d), PVX_EFORMAT);
+    T_EQ_I(pvp_decode_bars(volume, volume_len, &view, &doubt, &d), PVX_EFORMAT);
+    T_EQ_I(pvp_decode_bars(msg, len, &view, &doubt, &d), PVX_OK);
+    T_EQ_I(doubt, PVP_DOUBT_SHARED);
+    T_EQ_I(pvp_volume_unpack(dec, &view, dense, sizeof dense / sizeof *dense, &d), PVX_OK);
+    T_OK(s.n > 0);
+    for (uint32_t k = 0; k < 3 * s.n; k++)
+        T_NEAR(dense[3 * s.index[k / 3] + (int)(k % 3)], s.value[k], 0);
+    T_EQ_I(pvp_decode_volume(volume, volume_len, &of, &d), PVX_OK);
+    T_OK(pvp_bars_fit(&view, &of));
+    of.v.set++;
+    T_OK(!pvp_bars_fit(&view, &of));
+    of.v.set--;
+    of.n_bricks--;
+    T_OK(!pvp_bars_fit(&view, &of));
+    s.value[4] = -1e-3f;
+    T_EQ_I(pvp_encode_bars(e, 4, &s.v, 0, &x, &msg, &len), PVX_EINVAL);
+    T_EQ_S(pvp_doubt_name(2), "shared");
+    T_OK(strstr(pvp_doubt_sentence(3), "draws") != NULL);
+    T_OK(pvp_doubt_name(4) == NULL && pvp_doubt_sentence(31) == NULL);
+    pvp_decoder_free(&dec);
+    pvp_encoder_free(&e);
+    free(volume);
+    sample_free(&s);
+}
+
 /* --- golden messages --- */
 static struct pvp_start start_sample(void)
 {
@@ -545,6 +588,7 @@ static const struct {
     {"volume-empty", {10, 9, 8}, 3, PVP_F16, PVP_LZ4, 10, 1},
 };
 #define N_VOLUME_VECTORS (sizeof volume_vectors / sizeof volume_vectors[0])
+#define N_VECTORS        (N_VOLUME_VECTORS + 7)
 
 static struct sample vector_sample(size_t i)
 {
@@ -624,8 +668,64 @@ static void preview_json(FILE *f, const struct pvp_preview *p)
     fprintf(f, "]}\n");
 }
 
+/* The description of a volume, or of bars with their doubt. */
+static void bricks_json(FILE *f, const struct sample *s, const struct pvp_view *view,
+                        size_t sequence, int doubt)
+{
+    const struct pvp_volume *v = &s->v;
+    fprintf(f,
+            "{\"type\":\"%s\",\"sequence\":%zu,\"type_sequence\":0,\"session\":%llu,"
+            "\"clamped\":%s,\n\"sample\":%d,\"compression\":%d,\"set\":%llu,"
+            "\"t_exposure_ns\":%lld,\"t_publish_ns\":%lld,\"spread_ns\":%lld,"
+            "\"latency_ns\":%lld,\n\"camera_mask\":%llu,\"cameras_present\":%u,"
+            "\"n\":[%u,%u,%u],\"basis\":%u,\"channels\":%u,\"min\":[%.17g,%.17g,%.17g],"
+            "\"max\":[%.17g,%.17g,%.17g],\n",
+            doubt < 0 ? "volume" : "bars", sequence, (unsigned long long)v->session,
+            view->clamped ? "true" : "false", (int)s->sample, (int)view->comp,
+            (unsigned long long)v->set, (long long)v->t_exposure_ns, (long long)v->t_publish_ns,
+            (long long)v->spread_ns, (long long)v->latency_ns, (unsigned long long)v->camera_mask,
+            v->cameras_present, v->grid.n[0], v->grid.n[1], v->grid.n[2], v->grid.basis,
+            v->grid.channels, v->grid.min[0], v->grid.min[1], v->grid.min[2], v->grid.max[0],
+            v->grid.max[1], v->grid.max[2]);
+    fprintf(f,
+            "\"report\":{\"status\":%u,\"solver\":\"%s\",\"iterations\":%u,"
+            "\"rel_residual\":%.17g,\"active_voxels\":%u,\"active_rays\":%u,"
+            "\"entries\":%llu,\"photometry_ns\":%lld,\"hull_ns\":%lld,\"restrict_ns\":%lld,"
+            "\"solve_ns\":%lld,\"total_ns\":%lld},\n\"bricks\":%u,\n\"voxels\":[",
+            v->report.status, v->report.solver, v->report.iterations, v->report.rel_residual,
+            v->report.active_voxels, v->report.active_rays, (unsigned long long)v->report.entries,
+            (long long)v->report.photometry_ns, (long long)v->report.hull_ns,
+            (long long)v->report.restrict_ns, (long long)v->report.solve_ns,
+            (long long)v->report.total_ns, view->n_bricks);
+    for (uint32_t k = 0; k < s->n; k++) {
+        fprintf(f, "%s[%d", k > 0 ? ",\n" : "", s->index[k]);
+        for (uint32_t c = 0; c < v->grid.channels; c++)
+            fprintf(f, ",%.9g", (double)as_sent(s->sample, s->value[k * v->grid.channels + c]));
+        fprintf(f, "]");
+    }
+    fprintf(f, doubt < 0 ? "]}\n" : "],\n\"doubt\":%d}\n", doubt);
+}
+
+/* Bars of the first volume, with two doubts. */
+enum { BARS_DOUBT = PVP_DOUBT_POOR_FIT | PVP_DOUBT_LATE };
+static uint8_t *bars_make(struct sample *s, size_t *len)
+{
+    pvp_encoder *e;
+    const void *msg = NULL;
+    for (uint32_t k = 0; k < s->n; k++)
+        s->value[k] = 0.25f + 0.0625f * (float)(k % 7);
+    T_EQ_I(pvp_encoder_new(&s->v.grid, s->sample, s->comp, &e), PVX_OK);
+    T_EQ_I(pvp_encode_bars(e, 6, &s->v, BARS_DOUBT,
+                           &(struct pvp_voxels){s->n, s->index, s->value, 1}, &msg, len),
+           PVX_OK);
+    uint8_t *copy = malloc(*len);
+    memcpy(copy, msg, *len);
+    pvp_encoder_free(&e);
+    return copy;
+}
+
 /* Message and its description; both malloc'ed.  i: the volumes, then start, status, rig, event,
- * preview, end. */
+ * preview, end, bars. */
 static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **json)
 {
     size_t json_len;
@@ -633,42 +733,20 @@ static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **jso
     uint8_t *copy;
     if (i < N_VOLUME_VECTORS) {
         struct sample s = vector_sample(i);
-        const struct pvp_volume *v = &s.v;
         *name = volume_vectors[i].name;
         copy = encode(&s, 7 + i, len);
         struct pvp_view view;
         T_EQ_I(pvp_decode_volume(copy, *len, &view, NULL), PVX_OK);
-        fprintf(f,
-                "{\"type\":\"volume\",\"sequence\":%zu,\"type_sequence\":0,\"session\":%llu,"
-                "\"clamped\":%s,\n\"sample\":%d,\"compression\":%d,\"set\":%llu,"
-                "\"t_exposure_ns\":%lld,\"t_publish_ns\":%lld,\"spread_ns\":%lld,"
-                "\"latency_ns\":%lld,\n\"camera_mask\":%llu,\"cameras_present\":%u,"
-                "\"n\":[%u,%u,%u],\"basis\":%u,\"channels\":%u,\"min\":[%.17g,%.17g,%.17g],"
-                "\"max\":[%.17g,%.17g,%.17g],\n",
-                7 + i, (unsigned long long)v->session, view.clamped ? "true" : "false",
-                (int)s.sample, (int)view.comp, (unsigned long long)v->set,
-                (long long)v->t_exposure_ns, (long long)v->t_publish_ns, (long long)v->spread_ns,
-                (long long)v->latency_ns, (unsigned long long)v->camera_mask, v->cameras_present,
-                v->grid.n[0], v->grid.n[1], v->grid.n[2], v->grid.basis, v->grid.channels,
-                v->grid.min[0], v->grid.min[1], v->grid.min[2], v->grid.max[0], v->grid.max[1],
-                v->grid.max[2]);
-        fprintf(f,
-                "\"report\":{\"status\":%u,\"solver\":\"%s\",\"iterations\":%u,"
-                "\"rel_residual\":%.17g,\"active_voxels\":%u,\"active_rays\":%u,"
-                "\"entries\":%llu,\"photometry_ns\":%lld,\"hull_ns\":%lld,\"restrict_ns\":%lld,"
-                "\"solve_ns\":%lld,\"total_ns\":%lld},\n\"bricks\":%u,\n\"voxels\":[",
-                v->report.status, v->report.solver, v->report.iterations, v->report.rel_residual,
-                v->report.active_voxels, v->report.active_rays,
-                (unsigned long long)v->report.entries, (long long)v->report.photometry_ns,
-                (long long)v->report.hull_ns, (long long)v->report.restrict_ns,
-                (long long)v->report.solve_ns, (long long)v->report.total_ns, view.n_bricks);
-        for (uint32_t k = 0; k < s.n; k++) {
-            fprintf(f, "%s[%d", k > 0 ? ",\n" : "", s.index[k]);
-            for (uint32_t c = 0; c < v->grid.channels; c++)
-                fprintf(f, ",%.9g", (double)as_sent(s.sample, s.value[k * v->grid.channels + c]));
-            fprintf(f, "]");
-        }
-        fprintf(f, "]}\n");
+        bricks_json(f, &s, &view, 7 + i, -1);
+        sample_free(&s);
+    } else if (i == N_VECTORS - 1) {
+        struct sample s = vector_sample(0);
+        struct pvp_view view;
+        uint32_t doubt;
+        *name = "bars-f32-raw";
+        copy = bars_make(&s, len);
+        T_EQ_I(pvp_decode_bars(copy, *len, &view, &doubt, NULL), PVX_OK);
+        bricks_json(f, &s, &view, 6, (int)doubt);
         sample_free(&s);
     } else {
         struct pvp_start st = start_sample();
@@ -727,8 +805,6 @@ static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **jso
     fclose(f);
     return copy;
 }
-#define N_VECTORS (N_VOLUME_VECTORS + 6)
-
 static int write_vectors(const char *dir)
 {
     for (size_t i = 0; i < N_VECTORS; i++) {

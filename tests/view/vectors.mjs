@@ -34,7 +34,7 @@ function made(n, channels, ids, basis = 0) {
 
 const tests = {
   golden() {
-    let volumes = 0;
+    let volumes = 0, bars = 0;
     for (const name of all) {
       const want = golden(name);
       if (name.includes("zstd")) { assert.throws(() => pvx.read(bytes(name)), pvx.Malformed); continue; } // the bridge unpacks it
@@ -43,13 +43,17 @@ const tests = {
         volumes++;
         assert.equal(m.set, want.set);
         compare(name, m, dense(m), want);
+      } else if (m.kind === "bars") {
+        bars++;
+        assert.deepEqual([m.set, m.doubt], [want.set, want.doubt]);
+        compare(name, m, dense(m), want);
       } else assert.equal(m.kind === "other", name === "rig", name); // the bridge reads that
       if (m.kind === "end") assert.ok(text.includes(m.reason));
       if (m.kind === "start") assert.deepEqual([m.grid.n, m.grid.min, m.fps, m.units], [want.n, want.min, want.fps, want.units]);
       if (m.kind === "preview") assert.ok(m.cameras.every((c) => text.includes(c.name)) && m.cameras.length > 0);
       if (m.kind === "event") assert.ok(m.event.kind);
     }
-    assert.ok(volumes >= 4);
+    assert.ok(volumes >= 4 && bars === 1);
   },
   half() { // every half there and back; rounding to nearest even; the largest
     for (let h = 0; h < 65536; h++) {

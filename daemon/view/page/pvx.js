@@ -1,6 +1,6 @@
 // Messages of PROTOCOL.md, read from an ArrayBuffer; lengths are checked before anything is used.  Runs in a worker and
 // in node.
-export const START = 100, VOLUME = 200, STATUS = 300, END = 400, RIG = 500, EVENT = 600, PREVIEW = 700;
+export const START = 100, VOLUME = 200, STATUS = 300, END = 400, RIG = 500, EVENT = 600, PREVIEW = 700, BARS = 800;
 export const CELLS = 512;
 
 export class Malformed extends Error {}
@@ -133,7 +133,7 @@ export function volume(buffer, h, most = 1 << 30) {
   return {
     grid: g, ids, half, session: h.session, set: u64(v, 16), exposure: Number(v.getBigInt64(24, true)),
     latency: Number(v.getBigInt64(48, true)) * 1e-6, cameras: v.getUint32(64, true), mask: v.getBigUint64(56, true),
-    status: v.getUint32(136, true), iterations: v.getUint32(140, true), solver: padded(buffer, h.head + 144, 16),
+    status: v.getUint32(136, true), iterations: v.getUint32(140, true), solver: padded(buffer, h.head + 144, 16), doubt: v.getUint32(228, true),
     residual: v.getFloat64(160, true), voxels: v.getUint32(168, true), rays: v.getUint32(172, true),
     bytes: buffer.byteLength,
     hull: Number(v.getBigInt64(192, true)) * 1e-6, solve: Number(v.getBigInt64(208, true)) * 1e-6,
@@ -180,6 +180,7 @@ export function read(buffer, most) {
   switch (h.type) {
     case START: return { kind: "start", ...start(buffer, h) };
     case VOLUME: return { kind: "volume", ...volume(buffer, h, most) };
+    case BARS: return { kind: "bars", ...volume(buffer, h, most) }; // deviations of the volume that follows
     case STATUS: return { kind: "status", status: json(buffer, h), session: h.session };
     case EVENT: return { kind: "event", event: json(buffer, h), session: h.session, sequence: h.sequence };
     case END: return { kind: "end", ...end(buffer, h), session: h.session };

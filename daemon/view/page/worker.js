@@ -22,7 +22,7 @@ function texture(v, whole) {
 
 function message(buffer) {
   const m = read(buffer, most);
-  if (m.kind === "other") return;
+  if (m.kind === "other" || m.kind === "bars") return;
   if (m.kind === "start" && m.session !== session) {
     session = m.session;
     bricks.forget();
