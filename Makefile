@@ -73,7 +73,8 @@ room_obj = $(call obj,$(filter-out $(room_others),$(room_files)))
 LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
 # What libpyrovox-recon.so.1 is made of, and all that it needs: no camera, no socket, no drawing.
-RECON_ROOMS := $(filter-out recon/exchange recon/light recon/board recon/calib recon/check,$(filter recon/%,$(ROOMS)))
+RECON_OTHERS := $(addprefix recon/,light spectral exchange board calib check)
+RECON_ROOMS := $(filter-out $(RECON_OTHERS),$(filter recon/%,$(ROOMS)))
 RECON_LIBS := -lyaml -lxxhash -lpthread -lm
 RECON := $(B)/lib/libpyrovox-recon.so.1 $(B)/lib/pyrovox-recon.pc
 CLIENT := $(B)/lib/libpyrovox-client.so.1 $(B)/lib/pyrovox-client.pc

@@ -14,6 +14,7 @@
 #include "recon/geom/photometry_text.h"
 #include "recon/geom/rig_bodies.h"
 #include "recon/geom/rig_optics.h"
+#include "recon/geom/rig_spectral.h"
 
 #define MAX_FILE  (4u << 20)
 #define MAX_COORD 1e6 /* m; keeps every product of coordinates far from overflow */
@@ -389,7 +390,7 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
 {
     int root = pvx_yaml_root(r->y), node;
     int64_t version;
-    PVX_TRY(pvx_yaml_known(r->y, root, "rig", "version volume cameras bodies", r->d));
+    PVX_TRY(pvx_yaml_known(r->y, root, "rig", "version volume cameras bodies spectral", r->d));
     PVX_TRY(need(r, root, "rig", "version", &node));
     PVX_TRY(pvx_yaml_int(r->y, node, "version", 0, INT32_MAX, &version, r->d));
     if (version != 1)
@@ -419,7 +420,9 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
             PVX_EINVAL, r->d, "auto: %s",
             why[0] != '\0' ? why : "no camera has the middle of the volume in front of it");
     if ((node = pvx_yaml_get(r->y, root, "bodies")) != 0)
-        return rec_bodies_read(r->y, node, r->name, rig, &rig->bodies, r->d);
+        PVX_TRY(rec_bodies_read(r->y, node, r->name, rig, &rig->bodies, r->d));
+    if ((node = pvx_yaml_get(r->y, root, "spectral")) != 0)
+        return rec_spectral_read(r->y, node, &rig->spectral, r->d);
     return PVX_OK;
 }
 
@@ -512,6 +515,7 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
                 u->px, u->px_95, u->voxels, u->voxels_95);
     }
     rec_bodies_write(f, &r->bodies);
+    rec_spectral_write(f, r->spectral);
     bool bad = ferror(f) != 0;
     if (fclose(f) != 0 || bad) {
         PVX_FREE(*out);
@@ -527,6 +531,7 @@ void rec_rig_fini(struct rec_rig *r)
     PVX_FREE(r->cameras);
     r->n_cameras = 0;
     rec_bodies_fini(&r->bodies);
+    PVX_FREE(r->spectral);
 }
 
 pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out)
@@ -534,15 +539,23 @@ pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out)
     struct rec_camera *c = pvx_calloc(r->n_cameras, sizeof *c);
     if (c == NULL)
         return PVX_ENOMEM;
-    struct rec_bodies bodies;
-    if (rec_bodies_copy(&r->bodies, &bodies) != PVX_OK) {
+    struct rec_bodies bodies = {0};
+    struct rec_spectral *spectral = NULL;
+    pvx_err e = rec_bodies_copy(&r->bodies, &bodies);
+    if (e == PVX_OK && r->spectral != NULL)
+        e = (spectral = pvx_calloc(1, sizeof *spectral)) != NULL ? PVX_OK : PVX_ENOMEM;
+    if (e != PVX_OK) {
+        rec_bodies_fini(&bodies);
         free(c);
         return PVX_ENOMEM;
     }
     memcpy(c, r->cameras, r->n_cameras * sizeof *c);
+    if (spectral != NULL)
+        *spectral = *r->spectral;
     *out = *r;
     out->cameras = c;
     out->bodies = bodies;
+    out->spectral = spectral;
     return PVX_OK;
 }
 

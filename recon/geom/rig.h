@@ -18,13 +18,14 @@
  *   bodies:  (optional: opaque bodies in the flame or in front of it; body.h; metres)
  *            - { name, box: { min: [3], max: [3] } }  or  { name, cylinder: { from: [3], to: [3], radius } }
  *            or { name, mesh: FILE.stl (relative to this file), scale: m per unit (1) }
+ *   spectral: (optional: what the three channels see of the spectrum; spectral.h)
  * Distortion is in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty.  s (thin prism) must
  * be 0.  tx ty (tilted sensor) other than 0 make a pinhole without `model` a scheimpflug.  Four numbers with |p| > 0.02 need a `model`: they may be a fisheye's k1 k2 k3 k4.
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
  * |det - 1| > 1e-3; nearer ones are re-orthonormalised), empty or inverted volume, duplicate names,
  * names that are not [A-Za-z0-9._-]+, more than REC_MAX_CAMERAS, sizes outside 1..16384, a body around a
  * camera, a mesh that is not closed, has NaN, is a hundred times the volume or over 10^6 triangles.
- * Ownership: struct is the caller's memory; init by load/parse/ring, fini frees the cameras and bodies. */
+ * Ownership: struct is the caller's memory; init by load/parse/ring, fini frees what it holds. */
 #ifndef REC_RIG_H
 #define REC_RIG_H
 #include <stddef.h>
@@ -32,6 +33,7 @@
 #include "recon/geom/body.h"
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
+#include "recon/geom/spectral.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -44,6 +46,7 @@ struct rec_rig {
     size_t n_cameras;
     struct rec_camera *cameras; /* [n_cameras] */
     struct rec_bodies bodies;
+    struct rec_spectral *spectral; /* or NULL */
 };
 
 PVX_MUST_CHECK pvx_err rec_rig_load(const char *path, struct rec_rig *out, struct pvx_diag *d);
@@ -81,7 +84,7 @@ PVX_MUST_CHECK pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, 
 PVX_MUST_CHECK pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxels,
                                     struct rec_rig *out);
 
-/* XXH3-64 over every number of the rig that geometry depends on (gain, photometry, names and uncertainty excluded). */
+/* XXH3-64 over every number of the rig that geometry depends on (gain, photometry, spectral, names and uncertainty excluded). */
 uint64_t rec_rig_hash(const struct rec_rig *r);
 
 #ifdef __cplusplus
