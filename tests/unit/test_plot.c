@@ -94,3 +94,33 @@ T_CASE(what_is_no_number_is_left_out)
     T_EQ_I(count(text, "nan") + count(text, "inf"), 0);
     free(text);
 }
+
+/* A line of many points has its spread as a band, of few points as bars; ticks of a time may be fractions. */
+T_CASE(spread)
+{
+    enum { MANY = 30 };
+    double x[MANY], y[MANY], spread[MANY];
+    for (int i = 0; i < MANY; i++) {
+        x[i] = 0.01 * i;
+        y[i] = 1 + 0.1 * sin(i);
+        spread[i] = 0.2;
+    }
+    for (int k = 0; k < 2; k++) {
+        const struct plot_series s = {.name = "a",
+                                      .colour = "#111111",
+                                      .n = k == 0 ? MANY : 5,
+                                      .x = x,
+                                      .y = y,
+                                      .spread = spread};
+        char *text = NULL;
+        size_t len;
+        FILE *f = open_memstream(&text, &len);
+        plot_svg(f, &(struct plot){.x = "s", .y = "m", .fine_x = true, .series = &s, .n = 1});
+        fclose(f);
+        T_EQ_I(count(text, "<polygon"), k == 0 ? 1 : 0);
+        T_EQ_I(count(text, "<circle"), k == 0 ? 0 : 5);
+        T_OK(strstr(text, k == 0 ? ">0.05<" : ">0.01<") != NULL);
+        T_EQ_I(count(text, "nan") + count(text, "inf"), 0);
+        free(text);
+    }
+}

@@ -101,7 +101,7 @@ static void axes(FILE *f, const struct frame *t)
            wide = t->p->log_x ? 0 : report_round((t->x1 - t->x0) / 6);
     for (double y = ceil(t->y0 / step) * step; y <= t->y1; y += step)
         plot_tick(f, t, false, y);
-    if (!t->p->log_x && wide < 1)
+    if (!t->p->log_x && !t->p->fine_x && wide < 1)
         wide = 1; /* frames, voxels, views: whole numbers */
     for (double x = ceil(t->x0 / fmax(wide, 1e-9)) * wide; !t->p->log_x && x <= t->x1; x += wide)
         plot_tick(f, t, true, x);
@@ -114,6 +114,20 @@ static void axes(FILE *f, const struct frame *t)
     fprintf(f, "<g transform=\"translate(14 %.1f) rotate(-90)\">", (HEIGHT - BOTTOM + TOP) / 2);
     plot_text(f, 0, 0, "middle", t->p->y);
     fputs("</g>", f);
+}
+
+/* The spread of a line of many points. */
+static void plot_band(FILE *f, const struct frame *t, const struct plot_series *s)
+{
+    fprintf(f, "<polygon fill=\"%s\" fill-opacity=\".25\" points=\"", s->colour);
+    for (size_t i = 0; i < s->n; i++)
+        if (plot_drawn(s, i))
+            fprintf(f, "%.1f,%.1f ", plot_along(t, s->x[i]), plot_up(t, s->y[i] + s->spread[i]));
+    for (size_t i = s->n; i-- > 0;)
+        if (plot_drawn(s, i))
+            fprintf(f, "%.1f,%.1f ", plot_along(t, s->x[i]),
+                    plot_up(t, fmax(t->y0, s->y[i] - s->spread[i])));
+    fputs("\"/>", f);
 }
 
 static void plot_line(FILE *f, const struct frame *t, const struct plot_series *s)
@@ -169,9 +183,12 @@ void plot_svg(FILE *f, const struct plot *p)
     for (size_t k = 0; k < p->n; k++) {
         const struct plot_series *s = &p->series[k];
         double y = TOP + 12 + 20 * (double)k;
+        bool many = !s->points && s->n > 20;
+        if (many && s->spread != NULL)
+            plot_band(f, &t, s);
         if (!s->points)
             plot_line(f, &t, s);
-        for (size_t i = 0; i < s->n && (s->points || s->n <= 20); i++)
+        for (size_t i = 0; i < s->n && !many; i++)
             if (plot_drawn(s, i))
                 plot_point(f, &t, s, i);
         fprintf(f,

@@ -9,14 +9,16 @@
 struct plot_series {
     const char *name, *colour;
     size_t n;
-    const double *x, *y;      /* [n]; only finite points are drawn */
-    const double *spread;     /* [n] a bar of so much up and down, or NULL */
+    const double *x, *y; /* [n]; only finite points are drawn */
+    const double *
+        spread; /* [n] a bar of so much up and down, or NULL; a band where there is a line of many points */
     const char *const *label; /* [n] beside each point, or NULL */
     bool points, dashed;      /* points: no line */
 };
 struct plot {
     const char *x, *y; /* labels of the axes */
     bool log_x;        /* all x > 0 */
+    bool fine_x;       /* x is no whole number: ticks may be fractions */
     const struct plot_series *series;
     size_t n;
 };

@@ -1,0 +1,242 @@
+#include "daemon/cli/report/course.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/report/plot.h"
+
+#define LEVEL 0.1 /* of the brightest voxel */
+
+const struct course_column course_columns[COURSE_FIGURES] = {
+    {"mean", "1/m", "mean emission"},
+    {"light", "m2", "light: emission times volume"},
+    {"height", "m", "height: 98 % of the light lies below"},
+    {"volume", "m3", "volume above the level"},
+    {"most", "1/m", "brightest voxel"}};
+
+struct vol_figure course_figure_of(const struct vol_measured *m, enum course_figure k)
+{
+    return k == COURSE_MEAN     ? m->mean
+           : k == COURSE_LIGHT  ? m->light
+           : k == COURSE_HEIGHT ? m->height
+           : k == COURSE_VOLUME ? m->volume
+                                : m->most;
+}
+
+/* ---- reading ---- */
+
+static bool course_wants(const struct course_how *how, const struct pvp_volume *v)
+{
+    return v->set >= (uint64_t)how->from && v->set <= (uint64_t)how->to;
+}
+
+/* The brightest voxel of all sets: the first half of the work. */
+static pvx_err course_find_level(vol_reader *r, struct course_how *how, struct cli_progress *bar,
+                                 struct pvx_diag *d)
+{
+    uint64_t n = vol_reader_count(r);
+    double most = 0;
+    how->measure.level = 0;
+    for (uint64_t k = 0; k < n; k++) {
+        struct vol_volume v;
+        struct vol_measured m;
+        PVX_TRY(vol_reader_get(r, k, &v, d));
+        v.bars = (struct vol_bars){0};
+        if (course_wants(how, &v.v)) {
+            PVX_TRY(vol_measure(&v, &how->measure, &m, d));
+            most = fmax(most, m.most.v);
+        }
+        if (!cli_progress(bar, 0.5 * (double)(k + 1) / (double)n))
+            return PVX_ECANCELED;
+    }
+    how->measure.level = LEVEL * most;
+    return PVX_OK;
+}
+
+static void course_add(struct course *c, const struct pvp_volume *v, const struct vol_measured *m)
+{
+    struct course_row *row = &c->row[c->n++];
+    *row = (struct course_row){.v = *v, .m = *m};
+    row->time = (double)(v->t_exposure_ns - c->row[0].v.t_exposure_ns) * 1e-9;
+    c->timed = c->timed || v->t_exposure_ns != 0;
+    c->with_bars += m->bars;
+    c->with_modes += m->modes;
+    c->doubted += m->bars && m->doubt != 0;
+    c->doubt |= m->bars ? m->doubt : 0;
+}
+
+pvx_err course_read(vol_reader *r, const char *name, const struct course_how *how,
+                    struct course *out, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "measuring", .quiet = how->quiet};
+    uint64_t n = vol_reader_count(r);
+    *out = (struct course){.how = *how};
+    double before = isnan(how->measure.level) ? 0.5 : 0;
+    if (before > 0)
+        PVX_TRY(course_find_level(r, &out->how, &bar, d));
+    out->row = pvx_calloc(n + 1, sizeof *out->row);
+    PVX_NEED(out->row);
+    for (uint64_t k = 0; k < n; k++) {
+        struct vol_volume v;
+        struct vol_measured m;
+        PVX_TRY(vol_reader_get(r, k, &v, d));
+        if (course_wants(how, &v.v)) {
+            PVX_TRY(vol_measure(&v, &out->how.measure, &m, d));
+            course_add(out, &v.v, &m);
+        }
+        if (!cli_progress(&bar, before + (1 - before) * (double)(k + 1) / (double)n))
+            return PVX_ECANCELED;
+    }
+    for (size_t i = 0; i < out->n && !out->timed; i++)
+        out->row[i].time = NAN;
+    return out->n > 0
+               ? PVX_OK
+               : pvx_fail(d, PVX_ENOENT, "%s: none of its %" PRIu64 " sets is from --from to --to",
+                          name, n);
+}
+
+void course_free(struct course *c)
+{
+    PVX_FREE(c->row);
+    c->n = 0;
+}
+
+/* ---- text ---- */
+
+/* Columns that a terminal shows: a plus-minus sign has two bytes. */
+static void course_pad(FILE *f, const char *s, int width)
+{
+    for (const char *p = s; *p != '\0'; p++)
+        width -= ((unsigned char)*p & 0xC0) != 0x80;
+    fprintf(f, "  %s%*s", s, width > 0 ? width : 0, "");
+}
+
+void course_print(FILE *f, const struct course *c)
+{
+    char text[VOL_FIGURE_TEXT];
+    fprintf(f, "%-8s%10s", "set", c->timed ? "time s" : "");
+    for (int k = 0; k < COURSE_FIGURES; k++) {
+        snprintf(text, sizeof text, "%s %s", course_columns[k].name, course_columns[k].unit);
+        course_pad(f, text, 20);
+    }
+    fputs("\n", f);
+    for (size_t i = 0; i < c->n; i++) {
+        const struct course_row *row = &c->row[i];
+        snprintf(text, sizeof text, "%.4f", row->time);
+        fprintf(f, "%-8" PRIu64 "%10s", row->v.set, c->timed ? text : "");
+        for (int k = 0; k < COURSE_FIGURES; k++)
+            course_pad(f, vol_figure_text(course_figure_of(&row->m, (enum course_figure)k), text),
+                       20);
+        fputs(row->m.bars && row->m.doubt != 0 ? "  bars in doubt\n" : "\n", f);
+    }
+}
+
+/* ---- CSV ---- */
+
+static void course_number(FILE *f, double v)
+{
+    if (isfinite(v))
+        fprintf(f, ",%.9g", v);
+    else
+        fputs(",", f);
+}
+
+pvx_err course_csv(const struct course *c, const char *path, struct pvx_diag *d)
+{
+    char *text = NULL;
+    size_t len;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
+    fputs("set,t_exposure_ns,time_s", f);
+    for (int k = 0; k < COURSE_FIGURES; k++)
+        fprintf(f, ",%s_%s,%s_sd", course_columns[k].name,
+                k == COURSE_MEAN || k == COURSE_MOST ? "per_m" : course_columns[k].unit,
+                course_columns[k].name);
+    fputs(",level_per_m,doubt\n", f);
+    for (size_t i = 0; i < c->n; i++) {
+        const struct course_row *row = &c->row[i];
+        fprintf(f, "%" PRIu64 ",%" PRId64, row->v.set, row->v.t_exposure_ns);
+        course_number(f, row->time);
+        for (int k = 0; k < COURSE_FIGURES; k++) {
+            struct vol_figure v = course_figure_of(&row->m, (enum course_figure)k);
+            course_number(f, v.v);
+            course_number(f, v.sd);
+        }
+        fprintf(f, ",%.9g,", c->how.measure.level);
+        for (unsigned b = 0, first = 1; b < 32; b++)
+            if (row->m.bars && (row->m.doubt >> b & 1) != 0) {
+                fprintf(f, "%s%s", first ? "" : " ",
+                        pvp_doubt_name(b) != NULL ? pvp_doubt_name(b) : "unknown");
+                first = 0;
+            }
+        fputs("\n", f);
+    }
+    pvx_err e = fclose(f) == 0 ? pvx_file_write(path, text, len, d)
+                               : pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
+    free(text);
+    return e;
+}
+
+/* ---- plots ---- */
+
+pvx_err course_svg(FILE *f, const struct course *c, enum course_figure k)
+{
+    double *v = pvx_calloc(3 * c->n + 1, sizeof *v);
+    char y[80];
+    bool bars = false;
+    PVX_NEED(v);
+    for (size_t i = 0; i < c->n; i++) {
+        struct vol_figure g = course_figure_of(&c->row[i].m, k);
+        v[i] = c->timed ? c->row[i].time : (double)c->row[i].v.set;
+        v[c->n + i] = g.v;
+        v[2 * c->n + i] = isfinite(g.sd) ? g.sd : 0;
+        bars = bars || isfinite(g.sd);
+    }
+    snprintf(y, sizeof y, "%s, %s", course_columns[k].name, course_columns[k].unit);
+    const struct plot_series s = {.name = bars ? "value, one sigma" : "value",
+                                  .colour = "#1f6fb2",
+                                  .n = c->n,
+                                  .x = v,
+                                  .y = v + c->n,
+                                  .spread = bars ? v + 2 * c->n : NULL,
+                                  .points = c->n == 1};
+    plot_svg(
+        f,
+        &(struct plot){
+            .x = c->timed ? "time, s" : "set", .y = y, .fine_x = c->timed, .series = &s, .n = 1});
+    free(v);
+    return PVX_OK;
+}
+
+pvx_err course_plot(const struct course *c, const char *path, struct pvx_diag *d)
+{
+    enum { WIDE = 780, HIGH = 380 };
+    char *text = NULL;
+    size_t len;
+    pvx_err e = PVX_OK;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
+    fprintf(f,
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %d %d\" width=\"%d\" "
+            "height=\"%d\" font-family=\"sans-serif\"><rect width=\"100%%\" height=\"100%%\" "
+            "fill=\"#fff\"/>\n",
+            WIDE, HIGH * COURSE_FIGURES, WIDE, HIGH * COURSE_FIGURES);
+    for (int k = 0; k < COURSE_FIGURES && e == PVX_OK; k++) {
+        fprintf(f, "<svg y=\"%d\" width=\"%d\" height=\"%d\">", k * HIGH, WIDE, HIGH);
+        e = course_svg(f, c, (enum course_figure)k);
+        fputs("</svg>\n", f);
+    }
+    fputs("</svg>\n", f);
+    if (fclose(f) != 0)
+        e = PVX_ENOMEM;
+    e = e == PVX_OK ? pvx_file_write(path, text, len, d)
+                    : pvx_fail(d, e, "%s: out of memory", path);
+    free(text);
+    return e;
+}
