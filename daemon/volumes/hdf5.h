@@ -50,9 +50,11 @@ uint64_t vol_row_check(const struct vol_column c[VOL_COLUMNS], const struct vol_
                        uint64_t seed);
 /* Reads the first n rows of a file that vol_hdf5_reader opened, as they are stored; `check` covers the chunks too. */
 bool vol_hdf5_rows(void *self, uint64_t n, struct vol_row *rows);
-/* Whether /emission is there and has filters, as the recorder writes it.  That of a joined file has none, nor has what
+/* Whether a dataset (/emission, say) is there and has filters, as the recorder writes it.  That of a joined file has none, nor has what
  * `h5repack -f NONE` made.  It is not opened, so the place of its data is not looked at. */
-bool vol_hdf5_filtered(hid_t file);
+bool vol_hdf5_filtered(hid_t file, const char *name);
+/* The number of a filter of a dataset that this HDF5 lacks, or -1.  Programs bring their own, as h5py its lzf. */
+int vol_hdf5_lacks(hid_t set);
 /* Whether an /emission without filters can be opened.  The mapping of a joined file lies in the heap, which has no
  * checksum, and libhdf5 (1.10.8) trusts it: where the heap is damaged, it searches for ever, or past the end. */
 bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
@@ -60,6 +62,8 @@ bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */
 bool vol_hdf5_nexus(hid_t file, const struct vol_head *h);
+/* Axes and units of /emission_sd, and its place in NeXus: the errors of the signal. */
+bool vol_hdf5_errors(hid_t file, const struct vol_head *h);
 /* The group that viewers of NeXus show by themselves, when the file is complete: one channel beside the other. */
 bool vol_hdf5_flame(hid_t file, const struct pvp_grid *g, uint64_t sets);
 /* The group that ParaView reads, on the same data of `sets` volumes.  Call it when the file is complete. */

@@ -120,8 +120,8 @@ static hid_t make_entry(hid_t f, const char *name, const char *signal, hsize_t r
 }
 
 /* One channel of all sets, [set][z][y][x], without a copy. */
-static bool put_channel(hid_t file, hid_t data, const char *name, const struct pvp_grid *g,
-                        uint64_t sets, uint32_t channel)
+static bool put_channel(hid_t file, hid_t data, const char *of, const char *name,
+                        const struct pvp_grid *g, uint64_t sets, uint32_t channel)
 {
     const hsize_t all[VOL_RANK] = {sets, g->n[2], g->n[1], g->n[0], g->channels};
     const hsize_t n[VOL_RANK] = {sets, g->n[2], g->n[1], g->n[0], 1},
@@ -129,7 +129,7 @@ static bool put_channel(hid_t file, hid_t data, const char *name, const struct p
     hid_t from = H5Screate_simple(VOL_RANK, all, NULL), to = H5Screate_simple(4, all, NULL);
     hid_t p = H5Pcreate(H5P_DATASET_CREATE);
     bool ok = H5Sselect_hyperslab(from, H5S_SELECT_SET, at, NULL, n, NULL) >= 0 &&
-              H5Pset_virtual(p, to, ".", "/emission", from) >= 0;
+              H5Pset_virtual(p, to, ".", of, from) >= 0;
     hid_t s = ok ? H5Dcreate2(data, name, H5T_IEEE_F32LE, to, H5P_DEFAULT, p, H5P_DEFAULT) : -1;
     ok = s >= 0 && put_scales(file, s, 4);
     if (s >= 0)
@@ -147,8 +147,14 @@ bool vol_hdf5_flame(hid_t file, const struct pvp_grid *g, uint64_t sets)
     const bool grey = g->channels == 1;
     hid_t data = make_entry(file, "flame", grey ? "density" : colour[0], 4), type = -1;
     bool ok = data >= 0;
-    for (uint32_t c = 0; c < g->channels && ok; c++)
-        ok = put_channel(file, data, grey ? "density" : colour[c], g, sets, c);
+    const bool bars = H5Lexists(file, "emission_sd", H5P_DEFAULT) > 0;
+    for (uint32_t c = 0; c < g->channels && ok; c++) {
+        const char *name = grey ? "density" : colour[c];
+        char errors[24];
+        snprintf(errors, sizeof errors, "%s_errors", name);
+        ok = put_channel(file, data, "/emission", name, g, sets, c) &&
+             (!bars || put_channel(file, data, "/emission_sd", errors, g, sets, c));
+    }
     if (ok && !grey) {
         type = H5Tcopy(H5T_C_S1);
         H5Tset_size(type, sizeof colour[0]);
@@ -176,5 +182,18 @@ bool vol_hdf5_nexus(hid_t file, const struct vol_head *h)
     H5Gclose(data);
     H5Dclose(time);
     H5Dclose(emission);
+    return ok;
+}
+
+bool vol_hdf5_errors(hid_t file, const struct vol_head *h)
+{
+    hid_t sd = H5Dopen2(file, "emission_sd", H5P_DEFAULT);
+    hid_t data = H5Gopen2(file, "entry/data", H5P_DEFAULT);
+    bool ok = sd >= 0 && data >= 0 && put_scales(file, sd, VOL_RANK) &&
+              take_h5_put_text(sd, "units", h->start.units) &&
+              take_h5_put_text(sd, "long_name", "one standard deviation of emission") &&
+              also(file, "/emission_sd", data, "emission_errors");
+    H5Gclose(data);
+    H5Dclose(sd);
     return ok;
 }

@@ -7,13 +7,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <xxhash.h>
 
 #include "base/file.h"
 #include "base/mem.h"
-#include "daemon/volumes/hdf5.h"
+#include "daemon/volumes/hdf5_bars.h"
 
-#define B       PVP_BRICK
 #define SQUEEZE 1100 /* a byte of deflate gives no more bytes */
 
 struct in {
@@ -22,15 +20,13 @@ struct in {
     struct vol_column column[VOL_COLUMNS];
     hid_t col[VOL_COLUMNS];
     struct pvp_start start;
-    struct vol_tiles t;
-    bool chunked; /* as the recorder does it; else another program wrote it anew */
-    uint32_t nb[3], n_bricks;
+    struct vol_bars_file bars;
+    bool chunked;          /* as the recorder does it; else another program wrote it anew */
+    bool modes;            /* are wanted */
     uint64_t said, n_gaps; /* sets that the file claims; rows of gaps */
     char *rig, *config;
     struct vol_gap *gap;
-    float *chunk;
-    uint32_t *brick_at; /* [n_bricks] place in the store + 1, 0 = none yet */
-    struct vol_store store;
+    struct vol_unpacker unpack;
 };
 
 static pvx_err hdf5_read_wrong(const struct in *r, struct pvx_diag *d, const char *what)
@@ -73,11 +69,11 @@ static bool get_short(hid_t at, const char *name, char *out, size_t size)
     return ok;
 }
 
-bool vol_hdf5_filtered(hid_t file)
+bool vol_hdf5_filtered(hid_t file, const char *name)
 {
     enum { FILTERS = 0x0B }; /* a message in a dataset's head, which has a checksum */
     H5O_info_t about;
-    return H5Oget_info_by_name2(file, "emission", &about, H5O_INFO_HDR, H5P_DEFAULT) >= 0 &&
+    return H5Oget_info_by_name2(file, name, &about, H5O_INFO_HDR, H5P_DEFAULT) >= 0 &&
            (about.hdr.mesg.present >> FILTERS & 1) != 0;
 }
 
@@ -87,17 +83,16 @@ static void look_at_layout(struct in *r)
     hsize_t side[VOL_RANK] = {0};
     hid_t p = H5Dget_create_plist(r->emission);
     H5D_layout_t layout = H5Pget_layout(p);
-    r->t = vol_tiles(&r->start.grid);
+    const struct vol_tiles t = vol_tiles(&r->start.grid);
     r->chunked = layout == H5D_CHUNKED && H5Pget_chunk(p, VOL_RANK, side) == VOL_RANK &&
-                 side[0] == 1 && side[1] == r->t.side[2] && side[2] == r->t.side[1] &&
-                 side[3] == r->t.side[0] && side[4] == r->start.grid.channels;
+                 side[0] == 1 && side[1] == t.side[2] && side[2] == t.side[1] &&
+                 side[3] == t.side[0] && side[4] == r->start.grid.channels;
     H5Pclose(p);
 }
 
-/* The number of a filter of /emission that this HDF5 lacks, or -1.  Programs bring their own, as h5py its lzf. */
-static int hdf5_read_lacks(const struct in *r)
+int vol_hdf5_lacks(hid_t set)
 {
-    hid_t p = H5Dget_create_plist(r->emission);
+    hid_t p = H5Dget_create_plist(set);
     int n = H5Pget_nfilters(p), lacks = -1;
     for (int k = 0; k < n && lacks < 0; k++) {
         unsigned flags;
@@ -115,7 +110,7 @@ static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struc
 {
     struct pvp_grid *g = &r->start.grid;
     hsize_t n[VOL_RANK];
-    r->emission = vol_hdf5_filtered(r->file) || vol_hdf5_heaps_end(r->path, bytes)
+    r->emission = vol_hdf5_filtered(r->file, "emission") || vol_hdf5_heaps_end(r->path, bytes)
                       ? H5Dopen2(r->file, "emission", H5P_DEFAULT)
                       : -1;
     if (r->emission < 0)
@@ -133,7 +128,7 @@ static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struc
         return hdf5_read_wrong(r, d, "the shape of emission");
     g->channels = (uint32_t)n[4];
     *sets = n[0];
-    int lacks = hdf5_read_lacks(r);
+    int lacks = vol_hdf5_lacks(r->emission);
     if (lacks >= 0)
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: is compressed by HDF5 filter %d, which this program lacks; write it "
@@ -260,127 +255,68 @@ bool vol_hdf5_rows(void *self, uint64_t n, struct vol_row *rows)
     return ok;
 }
 
-static bool read_chunk(struct in *r, uint64_t k, const uint32_t at[3])
+bool vol_hdf5_bars_row(void *self, uint64_t k, struct vol_bars_row *r)
 {
-    const struct pvp_grid *g = &r->start.grid;
-    hsize_t from[VOL_RANK] = {k, at[2], at[1], at[0], 0}, n[VOL_RANK] = {1, 0, 0, 0, g->channels};
-    hsize_t side[VOL_RANK] = {1, r->t.side[2], r->t.side[1], r->t.side[0], g->channels};
-    const hsize_t zero[VOL_RANK] = {0};
-    for (int a = 0; a < 3; a++) {
-        hsize_t left = g->n[2 - a] - at[2 - a];
-        n[1 + a] = left < side[1 + a] ? left : side[1 + a];
-    }
-    memset(r->chunk, 0, r->t.floats * sizeof *r->chunk);
-    hid_t space = H5Dget_space(r->emission), mem = H5Screate_simple(VOL_RANK, side, NULL);
-    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, from, NULL, n, NULL) >= 0 &&
-              H5Sselect_hyperslab(mem, H5S_SELECT_SET, zero, NULL, n, NULL) >= 0 &&
-              H5Dread(r->emission, H5T_NATIVE_FLOAT, mem, space, H5P_DEFAULT, r->chunk) >= 0;
-    H5Sclose(mem);
-    H5Sclose(space);
-    return ok;
+    return vol_bars_row(&((struct in *)self)->bars, k, r);
 }
 
-/* Put the chunk's bricks that are not all 0 into the store; false when a value is not finite. */
-static bool hdf5_read_scatter(struct in *r, const uint32_t at[3])
+void vol_hdf5_has_bars(const void *self, bool *sd, uint32_t *modes)
 {
-    const struct pvp_grid *g = &r->start.grid;
-    const uint32_t *s = r->t.side, c = g->channels;
-    size_t cells = (size_t)B * B * B * c;
-    for (uint32_t k = 0; k < s[2] && at[2] + k < g->n[2]; k++)
-        for (uint32_t j = 0; j < s[1] && at[1] + j < g->n[1]; j++)
-            for (uint32_t i = 0; i < s[0] && at[0] + i < g->n[0]; i++)
-                for (uint32_t v = 0; v < c; v++) {
-                    float x = r->chunk[(((size_t)k * s[1] + j) * s[0] + i) * c + v];
-                    if (x == 0)
-                        continue;
-                    if (!isfinite(x))
-                        return false;
-                    uint32_t p[3] = {at[0] + i, at[1] + j, at[2] + k};
-                    uint32_t id = (p[2] / B * r->nb[1] + p[1] / B) * r->nb[0] + p[0] / B;
-                    if (r->brick_at[id] == 0) {
-                        memset(r->store.brick + r->store.n * cells, 0, cells * sizeof x);
-                        r->store.ids[r->store.n++] = id;
-                        r->brick_at[id] = r->store.n;
-                    }
-                    float *brick = r->store.brick + (r->brick_at[id] - 1) * cells;
-                    brick[((p[2] % B * B + p[1] % B) * B + p[0] % B) * c + v] = x;
-                }
-    return true;
+    const struct vol_bars_file *b = &((const struct in *)self)->bars;
+    *sd = b->sd >= 0;
+    *modes = b->modes >= 0 ? b->n_modes : 0;
 }
 
-static void chunk_place(const struct in *r, uint32_t id, uint32_t at[3])
+/* Read set k.  look: check the modes of its bars too, though they are not wanted.  PVX_ECORRUPT: it is not as it was
+ * written. */
+static pvx_err hdf5_read_load(struct in *r, uint64_t k, bool look, struct vol_row *row,
+                              struct vol_bars_row *b)
 {
-    at[0] = id % r->t.n[0] * r->t.side[0];
-    at[1] = id / r->t.n[0] % r->t.n[1] * r->t.side[1];
-    at[2] = id / r->t.n[0] / r->t.n[1] * r->t.side[2];
-}
-
-static bool hdf5_read_is_there(const struct in *r, uint64_t k, const uint32_t at[3])
-{
-    hsize_t from[VOL_RANK] = {k, at[2], at[1], at[0], 0}, bytes = 0;
-    return !r->chunked || (H5Dget_chunk_storage_size(r->emission, from, &bytes) >= 0 && bytes > 0);
-}
-
-/* Sort the bricks by id, with brick_at: their ids ascend along whole rows of bricks, but chunks do not. */
-static pvx_err sort_bricks(struct in *r)
-{
-    size_t cells = (size_t)B * B * B * r->start.grid.channels;
-    struct vol_store to = {0};
-    PVX_TRY(vol_store_grow(&to, r->store.room, r->start.grid.channels));
-    for (uint32_t id = 0; id < r->n_bricks; id++) {
-        uint32_t at = r->brick_at[id];
-        if (at == 0)
-            continue;
-        memcpy(to.brick + to.n * cells, r->store.brick + (at - 1) * cells,
-               cells * sizeof *to.brick);
-        to.ids[to.n++] = id;
-    }
-    vol_store_free(&r->store);
-    r->store = to;
-    return PVX_OK;
-}
-
-/* Read set k into the store.  PVX_ECORRUPT: it is not as it was written. */
-static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
-{
+    const struct vol_plane emission = {
+        .from = r->emission, .chunked = r->chunked, .set = k, .mode = -1, .number = 0};
     uint64_t seed = 0;
-    uint32_t found = 0, at[3];
-    memset(r->brick_at, 0, r->n_bricks * sizeof *r->brick_at);
-    r->store.n = 0;
-    /* a chunk has at most 8 bricks */
-    PVX_TRY(vol_store_grow(&r->store, row->chunks < r->n_bricks / 8 ? 8 * row->chunks : r->n_bricks,
-                           r->start.grid.channels));
-    for (uint32_t id = 0; id < r->t.all; id++) {
-        chunk_place(r, id, at);
-        if (!hdf5_read_is_there(r, k, at))
-            continue;
-        if (!read_chunk(r, k, at))
-            return PVX_ECORRUPT;
-        /* h5repack and h5copy also write the chunks that were not there, as zeros */
-        if (vol_all_zero(r->chunk, r->t.floats))
-            continue;
-        if (++found > row->chunks || !hdf5_read_scatter(r, at))
-            return PVX_ECORRUPT;
-        seed = vol_hash(seed, id, XXH3_64bits(r->chunk, r->t.floats * sizeof *r->chunk));
-    }
+    uint32_t found = 0;
+    if (!read_row(r, k, row) || !vol_bars_row(&r->bars, k, b))
+        return PVX_ECORRUPT;
+    const bool modes = r->modes && b->modes > 0;
+    PVX_TRY(vol_unpack_begin(&r->unpack,
+                             b->doubt == VOL_NO_BARS ? 1
+                             : modes                 ? 2 + b->modes
+                                                     : 2,
+                             (uint64_t)row->chunks + b->chunks + (modes ? b->modes_chunks : 0)));
+    PVX_TRY(vol_unpack_plane(&r->unpack, &emission, 0, row->chunks, &seed, &found));
     if (found != row->chunks || row->check != vol_row_check(r->column, row, seed))
         return PVX_ECORRUPT;
-    return sort_bricks(r);
+    PVX_TRY(vol_bars_read(&r->unpack, &r->bars, b, k, row->check, modes, look));
+    return vol_unpack_end(&r->unpack);
 }
 
-static pvx_err hdf5_read_load(struct in *r, uint64_t k, struct vol_row *row)
+/* The bars of the set that was read last. */
+static struct vol_bars bars_of(const struct in *r, const struct vol_bars_row *b)
 {
-    if (!read_row(r, k, row))
-        return PVX_ECORRUPT;
-    return read_chunks(r, k, row);
+    const struct vol_unpacker *u = &r->unpack;
+    const size_t plane = u->n * u->cells;
+    if (b->doubt == VOL_NO_BARS)
+        return (struct vol_bars){0};
+    const bool modes = r->modes && b->modes > 0;
+    return (struct vol_bars){.sd = u->brick + plane,
+                             .n_modes = modes ? b->modes : 0,
+                             .modes = modes ? u->brick + 2 * plane : NULL,
+                             .doubt = b->doubt};
+}
+
+static void hdf5_modes(void *self, bool on)
+{
+    ((struct in *)self)->modes = on;
 }
 
 static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
 {
     struct in *r = self;
     struct vol_row row;
+    struct vol_bars_row bars;
     take_h5_init();
-    pvx_err e = hdf5_read_load(r, k, &row);
+    pvx_err e = hdf5_read_load(r, k, false, &row, &bars);
     H5Eclear2(H5E_DEFAULT);
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: volume %llu is damaged", r->path, (unsigned long long)k);
@@ -407,9 +343,10 @@ static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct p
                          .total_ns = row.total_ns}},
         .sample = row.sample == PVP_F16 ? PVP_F16 : PVP_F32,
         .clamped = row.clamped != 0,
-        .n_bricks = r->store.n,
-        .ids = r->store.ids,
-        .brick = r->store.brick,
+        .n_bricks = r->unpack.n,
+        .ids = r->unpack.ids,
+        .brick = r->unpack.brick,
+        .bars = bars_of(r, &bars),
     };
     memcpy(out->v.report.solver, row.solver, sizeof row.solver);
     out->v.report.solver[sizeof row.solver - 1] = '\0';
@@ -420,12 +357,13 @@ static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct p
 static uint64_t whole_sets(struct in *r)
 {
     struct vol_row row;
+    struct vol_bars_row bars;
     uint64_t good = 0, bad = r->said; /* sets before `good` are complete, `bad` is not */
-    if (bad > 0 && hdf5_read_load(r, bad - 1, &row) == PVX_OK)
+    if (bad > 0 && hdf5_read_load(r, bad - 1, true, &row, &bars) == PVX_OK)
         good = bad;
     while (good < bad) {
         uint64_t mid = good + (bad - good) / 2;
-        if (hdf5_read_load(r, mid, &row) == PVX_OK)
+        if (hdf5_read_load(r, mid, true, &row, &bars) == PVX_OK)
             good = mid + 1;
         else
             bad = mid;
@@ -441,13 +379,11 @@ static void hdf5_read_hdf5_close(void *self)
     if (r->file >= 0)
         H5Fclose(r->file); /* with all that is open in it */
     vol_columns_done(r->column);
-    vol_store_free(&r->store);
+    vol_unpacker_free(&r->unpack);
     free(r->path);
     free(r->rig);
     free(r->config);
     free(r->gap);
-    free(r->chunk);
-    free(r->brick_at);
     free(r);
 }
 
@@ -465,11 +401,10 @@ static pvx_err hdf5_read_open_all(struct in *r, const char *path, uint64_t *coun
     PVX_TRY(hdf5_read_read_head(r, bytes, &closed, d));
     PVX_TRY(open_columns(r, d));
     PVX_TRY(hdf5_read_read_gaps(r, bytes, d));
-    r->n_bricks = pvp_grid_bricks(&r->start.grid, r->nb);
-    r->chunk = malloc(r->t.floats * sizeof *r->chunk);
-    r->brick_at = malloc(r->n_bricks * sizeof *r->brick_at);
-    if (r->chunk == NULL || r->brick_at == NULL)
-        return PVX_ENOMEM;
+    const char *wrong = vol_bars_open(r->file, path, bytes, &r->start.grid, &r->bars, &r->said);
+    if (wrong != NULL)
+        return hdf5_read_wrong(r, d, wrong);
+    PVX_TRY(vol_unpacker_open(&r->unpack, &r->start.grid));
     *count = whole_sets(r);
     closed &= *count == r->said; /* else it was cut after it was closed */
     *cut = !closed;
@@ -508,4 +443,5 @@ const struct vol_reader_ops vol_hdf5_reader = {.is = hdf5_is,
                                                .open = hdf5_read_hdf5_open,
                                                .get = hdf5_get,
                                                .gap = hdf5_read_hdf5_gap,
+                                               .modes = hdf5_modes,
                                                .close = hdf5_read_hdf5_close};

@@ -2,6 +2,7 @@
  *
  * One volume: version 1.0 of that format, which every reader knows, [z][y][x][c]: a virtual dataset on the only set.
  * Several: version 2.0, in which an image's arrays have time before z, as /emission has, so /emission is linked. */
+#include <stdio.h>
 #include <string.h>
 
 #include "daemon/volumes/hdf5.h"
@@ -37,18 +38,19 @@ static bool put_image(hid_t at, const struct pvp_grid *g, bool several)
            take_h5_put_list(at, "Direction", H5T_IEEE_F64LE, 9, turn);
 }
 
-/* Set 0 of /emission without its first dimension; without its last one too when there is one colour. */
-static bool put_only_set(hid_t points, const struct pvp_grid *g)
+/* Set 0 of /emission or /emission_sd without its first dimension; without its last one too when there is one colour. */
+static bool put_only_set(hid_t points, const char *name, const struct pvp_grid *g)
 {
     const hsize_t all[VOL_RANK] = {1, g->n[2], g->n[1], g->n[0], g->channels};
     const hsize_t at[VOL_RANK] = {0};
     hid_t from = H5Screate_simple(VOL_RANK, all, NULL);
     hid_t to = H5Screate_simple(g->channels == 1 ? 3 : 4, all + 1, NULL);
     hid_t p = H5Pcreate(H5P_DATASET_CREATE);
+    char path[32];
+    snprintf(path, sizeof path, "/%s", name);
     bool ok = H5Sselect_hyperslab(from, H5S_SELECT_SET, at, NULL, all, NULL) >= 0 &&
-              H5Pset_virtual(p, to, ".", "/emission", from) >= 0;
-    hid_t s =
-        ok ? H5Dcreate2(points, "emission", H5T_IEEE_F32LE, to, H5P_DEFAULT, p, H5P_DEFAULT) : -1;
+              H5Pset_virtual(p, to, ".", path, from) >= 0;
+    hid_t s = ok ? H5Dcreate2(points, name, H5T_IEEE_F32LE, to, H5P_DEFAULT, p, H5P_DEFAULT) : -1;
     if (s >= 0)
         H5Dclose(s);
     H5Pclose(p);
@@ -66,6 +68,11 @@ static bool put_steps(hid_t file, hid_t vtk, uint64_t sets)
     return ok;
 }
 
+static bool also_points(hid_t file, const char *from, hid_t points, const char *name)
+{
+    return H5Lcreate_hard(file, from, points, name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
+}
+
 bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets)
 {
     if (sets == 0)
@@ -79,10 +86,13 @@ bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets)
     bool ok = vtk >= 0 && points >= 0 &&
               H5Lcreate_soft("/vtkhdf", file, "VTKHDF", H5P_DEFAULT, H5P_DEFAULT) >= 0 &&
               put_image(vtk, g, sets > 1);
+    const bool bars = H5Lexists(file, "emission_sd", H5P_DEFAULT) > 0;
     if (ok && sets == 1)
-        ok = put_only_set(points, g);
+        ok = put_only_set(points, "emission", g) &&
+             (!bars || put_only_set(points, "emission_sd", g));
     else if (ok)
-        ok = H5Lcreate_hard(file, "/emission", points, "emission", H5P_DEFAULT, H5P_DEFAULT) >= 0 &&
+        ok = also_points(file, "/emission", points, "emission") &&
+             (!bars || also_points(file, "/emission_sd", points, "emission_sd")) &&
              put_steps(file, vtk, sets);
     H5Gclose(points);
     H5Gclose(vtk);

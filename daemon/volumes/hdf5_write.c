@@ -1,29 +1,20 @@
 /* hdf5_write.c - a growing HDF5 file of volumes (daemon/VOLUMES.md).
  *
- * A pool assembles, shuffles and deflates a volume's chunks.  They are written as they are, then the volume's row in
- * each column, then the file is flushed.  So an SWMR reader, and a file that a kill leaves, end with a whole set. */
+ * The chunks of a volume, then those of its error bars, are packed (hdf5_pack.h) and written as they are, then the
+ * volume's row in each column, then the file is flushed.  So an SWMR reader, and a file that a kill leaves, end with a whole set. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include <xxhash.h>
-#include <zlib.h>
 
 #include "base/clock.h"
-#include "base/cpu.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "base/pool.h"
-#include "daemon/volumes/hdf5.h"
+#include "daemon/volumes/hdf5_bars.h"
 
-#define LEVEL     1  /* of deflate: higher ones cost several times the time for a few per cent */
-#define AS_IT_IS  3u /* filter mask: neither shuffled nor deflated */
-#define FLOATS    ((size_t)VOL_CHUNK * VOL_CHUNK * VOL_CHUNK * 3)
 #define B         PVP_BRICK
-#define NO_BRICK  UINT32_MAX
-#define THREADS   4
 #define ROOT_MOST 64 /* attributes, links */
 #define SYNC_NS \
     (2 * PVX_NS_PER_S) /* a power cut takes no more than what came since, and what took the disk */
@@ -34,25 +25,12 @@ struct out {
     hid_t file, emission;
     struct vol_column column[VOL_COLUMNS];
     hid_t col[VOL_COLUMNS], gap[VOL_GAP_COLS];
+    struct vol_bars_file bars;
     struct pvp_grid grid;
-    struct vol_tiles t;
-    uint32_t nb[3], n_bricks;
+    char units[32];
     uint64_t n_sets, n_gaps, bytes;
     int64_t t_first_ns, t_synced_ns;
-    pvx_pool *pool;
-    bool hurry;
-    /* the volume at hand */
-    const struct vol_volume *v;
-    uint32_t *brick_at; /* [n_bricks of the grid], NO_BRICK = not there */
-    uint32_t *chunk;    /* [n_chunks] ids, ascending */
-    uint32_t n_chunks;
-    unsigned char *packed; /* [n_chunks][bound] */
-    uint32_t packed_room;
-    size_t bound;
-    size_t *size;          /* [n_chunks] */
-    unsigned *mask;        /* [n_chunks] filters that were left out */
-    uint64_t *hash;        /* [n_chunks] */
-    unsigned char *wanted; /* [chunks of the grid] */
+    struct vol_packer pack;
 };
 
 static pvx_err hdf5_write_fail(struct out *w, const char *what, struct pvx_diag *d)
@@ -60,115 +38,15 @@ static pvx_err hdf5_write_fail(struct out *w, const char *what, struct pvx_diag 
     return take_h5_fail(d, PVX_EIO, w->path, what);
 }
 
-/* ---- one volume into chunks ---- */
-
-/* The bricks of chunk `id` as floats [side z][side y][side x][c]. */
-static void assemble(const struct out *w, uint32_t id, float *out)
+static bool reach(hid_t set, const struct pvp_grid *g, uint64_t sets)
 {
-    const uint32_t *s = w->t.side, c = w->grid.channels;
-    const uint32_t at[3] = {id % w->t.n[0] * s[0], id / w->t.n[0] % w->t.n[1] * s[1],
-                            id / w->t.n[0] / w->t.n[1] * s[2]};
-    memset(out, 0, w->t.floats * sizeof *out);
-    for (uint32_t k = 0; k < s[2] && at[2] + k < w->grid.n[2]; k++)
-        for (uint32_t j = 0; j < s[1] && at[1] + j < w->grid.n[1]; j++)
-            for (uint32_t i = 0; i < s[0] && at[0] + i < w->grid.n[0]; i += B) {
-                uint32_t x = at[0] + i, y = at[1] + j, z = at[2] + k;
-                uint32_t b = w->brick_at[(z / B * w->nb[1] + y / B) * w->nb[0] + x / B];
-                if (b == NO_BRICK)
-                    continue;
-                size_t row = ((size_t)b * B * B + z % B * B + y % B) * B;
-                uint32_t in = s[0] - i < B ? s[0] - i : B;
-                memcpy(out + (((size_t)k * s[1] + j) * s[0] + i) * c, w->v->brick + row * c,
-                       (size_t)in * c * sizeof *out);
-            }
+    const hsize_t all[VOL_RANK] = {sets, g->n[2], g->n[1], g->n[0], g->channels};
+    return H5Dset_extent(set, all) >= 0;
 }
 
-/* HDF5's shuffle filter: first bytes of all floats, then the second ones, ... */
-static void shuffle(const float *in, size_t n, unsigned char *out)
+static void fill_row(struct out *w, const struct vol_volume *vol, struct vol_row *r)
 {
-    const unsigned char *p = (const unsigned char *)in;
-    for (size_t byte = 0; byte < sizeof *in; byte++)
-        for (size_t i = 0; i < n; i++)
-            out[byte * n + i] = p[i * sizeof *in + byte];
-}
-
-static void hdf5_write_pack(void *ctx, size_t task)
-{
-    struct out *w = ctx;
-    float floats[FLOATS];
-    unsigned char shuffled[FLOATS * sizeof(float)], *to = w->packed + task * w->bound;
-    size_t n = w->t.floats, bytes = n * sizeof *floats;
-    assemble(w, w->chunk[task], floats);
-    w->hash[task] = XXH3_64bits(floats, bytes);
-    uLongf packed = w->bound;
-    if (!w->hurry) {
-        shuffle(floats, n, shuffled);
-        if (compress2(to, &packed, shuffled, bytes, LEVEL) == Z_OK && packed < bytes) {
-            w->size[task] = packed;
-            w->mask[task] = 0;
-            return;
-        }
-    }
-    memcpy(to, floats, bytes);
-    w->size[task] = bytes;
-    w->mask[task] = AS_IT_IS;
-}
-
-static pvx_err hdf5_write_grow(struct out *w, uint32_t chunks)
-{
-    if (chunks <= w->packed_room)
-        return PVX_OK;
-    free(w->packed);
-    w->packed_room = 0;
-    w->packed = malloc(chunks * w->bound);
-    if (w->packed == NULL)
-        return PVX_ENOMEM;
-    w->packed_room = chunks;
-    return PVX_OK;
-}
-
-/* Find the chunks that have flame and the places of their bricks. */
-static void hdf5_write_mark(struct out *w)
-{
-    size_t cells = (size_t)B * B * B * w->grid.channels;
-    memset(w->wanted, 0, w->t.all);
-    for (uint32_t b = 0; b < w->v->n_bricks; b++) {
-        uint32_t id = w->v->ids[b];
-        if (vol_all_zero(w->v->brick + b * cells, cells))
-            continue;
-        w->brick_at[id] = b;
-        uint32_t x = id % w->nb[0] * B / w->t.side[0],
-                 y = id / w->nb[0] % w->nb[1] * B / w->t.side[1];
-        uint32_t z = id / w->nb[0] / w->nb[1] * B / w->t.side[2];
-        w->wanted[(z * w->t.n[1] + y) * w->t.n[0] + x] = 1;
-    }
-    w->n_chunks = 0;
-    for (uint32_t k = 0; k < w->t.all; k++)
-        if (w->wanted[k])
-            w->chunk[w->n_chunks++] = k;
-}
-
-static bool put_chunks(struct out *w)
-{
-    const struct pvp_grid *g = &w->grid;
-    hsize_t all[VOL_RANK] = {w->n_sets + 1, g->n[2], g->n[1], g->n[0], g->channels};
-    if (H5Dset_extent(w->emission, all) < 0)
-        return false;
-    for (uint32_t k = 0; k < w->n_chunks; k++) {
-        uint32_t id = w->chunk[k];
-        hsize_t at[VOL_RANK] = {w->n_sets, (hsize_t)(id / w->t.n[0] / w->t.n[1]) * w->t.side[2],
-                                (hsize_t)(id / w->t.n[0] % w->t.n[1]) * w->t.side[1],
-                                (hsize_t)(id % w->t.n[0]) * w->t.side[0], 0};
-        if (H5Dwrite_chunk(w->emission, H5P_DEFAULT, w->mask[k], at, w->size[k],
-                           w->packed + k * w->bound) < 0)
-            return false;
-    }
-    return true;
-}
-
-static void fill_row(struct out *w, struct vol_row *r)
-{
-    const struct pvp_volume *v = &w->v->v;
+    const struct pvp_volume *v = &vol->v;
     const struct pvp_report *p = &v->report;
     if (w->n_sets == 0)
         w->t_first_ns = v->t_exposure_ns;
@@ -191,15 +69,12 @@ static void fill_row(struct out *w, struct vol_row *r)
                           .iterations = p->iterations,
                           .active_voxels = p->active_voxels,
                           .active_rays = p->active_rays,
-                          .chunks = w->n_chunks,
-                          .clamped = w->v->clamped,
-                          .sample = (uint8_t)w->v->sample};
+                          .chunks = w->pack.n_chunks,
+                          .clamped = vol->clamped,
+                          .sample = (uint8_t)vol->sample};
     memcpy(r->solver, p->solver, sizeof r->solver);
     r->solver[sizeof r->solver - 1] = '\0';
-    uint64_t seed = 0;
-    for (uint32_t k = 0; k < w->n_chunks; k++)
-        seed = vol_hash(seed, w->chunk[k], w->hash[k]);
-    r->check = vol_row_check(w->column, r, seed);
+    r->check = vol_row_check(w->column, r, vol_pack_hash(&w->pack, 0, 0));
 }
 
 static pvx_err sync_file(struct out *w, struct pvx_diag *d)
@@ -210,34 +85,122 @@ static pvx_err sync_file(struct out *w, struct pvx_diag *d)
                : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
 }
 
+/* The datasets of a file that was closed. */
+static bool open_again(struct out *w)
+{
+    char name[64];
+    w->emission = H5Dopen2(w->file, "emission", H5P_DEFAULT);
+    bool ok = w->emission >= 0;
+    for (int k = 0; k < VOL_COLUMNS && ok; k++) {
+        snprintf(name, sizeof name, "sets/%s", w->column[k].name);
+        ok = (w->col[k] = H5Dopen2(w->file, name, H5P_DEFAULT)) >= 0;
+    }
+    for (int k = 0; k < VOL_GAP_COLS && ok; k++) {
+        snprintf(name, sizeof name, "gaps/%s", vol_gap_columns[k]);
+        ok = (w->gap[k] = H5Dopen2(w->file, name, H5P_DEFAULT)) >= 0;
+    }
+    return ok;
+}
+
+/* Packs one plane of the volume and writes it to a dataset. */
+static pvx_err put_plane(struct out *w, const struct vol_volume *v, const float *brick, hid_t to,
+                         int mode, struct pvx_diag *d)
+{
+    uint64_t bytes;
+    if (vol_pack(&w->pack, v->n_bricks, v->ids, brick, &bytes) != PVX_OK)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for %u chunks", w->path, w->pack.n_chunks);
+    PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, bytes, d));
+    w->bytes += bytes;
+    return vol_pack_put(&w->pack, to, w->n_sets, mode) ? PVX_OK
+                                                       : hdf5_write_fail(w, "cannot be written", d);
+}
+
+static pvx_err put_modes(struct out *w, const struct vol_volume *v, struct vol_bars_row *r,
+                         struct pvx_diag *d)
+{
+    const struct vol_bars *bars = &v->bars;
+    const size_t plane = (size_t)v->n_bricks * B * B * B * w->grid.channels;
+    uint64_t seed = r->check;
+    for (uint32_t m = 0; m < bars->n_modes; m++) {
+        PVX_TRY(put_plane(w, v, bars->modes + m * plane, w->bars.modes, (int)m, d));
+        seed = vol_pack_hash(&w->pack, seed, m * w->pack.t.all);
+        r->modes_chunks += w->pack.n_chunks;
+    }
+    r->modes = bars->n_modes;
+    r->modes_check = bars->n_modes > 0 ? vol_bars_check(seed, r->modes, r->modes_chunks) : 0;
+    return PVX_OK;
+}
+
+/* The bars of a set, or that it has none, once the file has room for any. */
+static pvx_err put_bars(struct out *w, const struct vol_volume *v, uint64_t row_check,
+                        struct pvx_diag *d)
+{
+    struct vol_bars_row r = {.doubt = VOL_NO_BARS};
+    if (w->bars.sd < 0)
+        return PVX_OK;
+    if (!vol_bars_reach(&w->bars, &w->grid, w->n_sets + 1))
+        return hdf5_write_fail(w, "cannot be written", d);
+    if (v->bars.sd != NULL) {
+        PVX_TRY(put_plane(w, v, v->bars.sd, w->bars.sd, -1, d));
+        r.doubt = v->bars.doubt;
+        r.chunks = w->pack.n_chunks;
+        r.check = vol_bars_check(vol_pack_hash(&w->pack, row_check, 0), r.doubt, r.chunks);
+        PVX_TRY(put_modes(w, v, &r, d));
+    }
+    return vol_bars_append(&w->bars, w->n_sets, &r) ? PVX_OK
+                                                    : hdf5_write_fail(w, "cannot be written", d);
+}
+
+/* Nothing new can be made in a file in SWMR mode, so it is closed and opened again, once or twice in its life. */
+static pvx_err begin_bars(struct out *w, const struct vol_volume *v, struct pvx_diag *d)
+{
+    const struct vol_bars *bars = &v->bars;
+    if (bars->sd == NULL || (w->bars.sd >= 0 && (w->bars.modes >= 0 || bars->n_modes == 0)))
+        return bars->sd == NULL || bars->n_modes <= w->bars.n_modes
+                   ? PVX_OK
+                   : pvx_fail(d, PVX_ERANGE,
+                              "%s: set %llu has error bars of %u modes, the recording has room for "
+                              "%u",
+                              w->path, (unsigned long long)v->v.set, bars->n_modes,
+                              w->bars.n_modes);
+    struct vol_head head = {.start = {.grid = w->grid}};
+    memcpy(head.start.units, w->units, sizeof w->units);
+    PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, 0, d));
+    bool ok = H5Fclose(w->file) >= 0;
+    hid_t fapl = take_h5_access(VOL_ALIGN);
+    H5Pset_small_data_block_size(fapl, 0);
+    w->file = ok ? H5Fopen(w->path, H5F_ACC_RDWR, fapl) : -1;
+    H5Pclose(fapl);
+    if (w->file < 0)
+        return hdf5_write_fail(w, "cannot be opened again", d);
+    off_t end = lseek(w->room.fd, 0, SEEK_END);
+    w->room.reserved = end > 0 ? (uint64_t)end : 0; /* closing gave back what was beyond */
+    PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, 0, d));
+    ok = vol_bars_again(w->file, &w->bars) &&
+         vol_bars_make(w->file, &head, bars, w->n_sets, &w->bars) && open_again(w) &&
+         H5Fstart_swmr_write(w->file) >= 0;
+    return ok ? PVX_OK : hdf5_write_fail(w, "cannot hold error bars", d);
+}
+
 static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct out *w = self;
     struct vol_row r;
-    uint64_t bytes = 0;
     take_h5_init();
-    w->v = v;
-    hdf5_write_mark(w);
-    pvx_err e = hdf5_write_grow(w, w->n_chunks);
-    if (e == PVX_OK) {
-        pvx_pool_run(w->pool, w->n_chunks, hdf5_write_pack, w);
-        fill_row(w, &r);
-    }
-    for (uint32_t b = 0; b < v->n_bricks; b++)
-        w->brick_at[v->ids[b]] = NO_BRICK;
-    if (e != PVX_OK)
-        return pvx_fail(d, e, "%s: no memory for %u chunks", w->path, w->n_chunks);
-    for (uint32_t k = 0; k < w->n_chunks; k++)
-        bytes += w->size[k];
-    PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, bytes, d));
-    bool ok = put_chunks(w);
+    PVX_TRY(begin_bars(w, v, d));
+    if (!reach(w->emission, &w->grid, w->n_sets + 1))
+        return hdf5_write_fail(w, "cannot be written", d);
+    PVX_TRY(put_plane(w, v, v->brick, w->emission, -1, d));
+    fill_row(w, v, &r);
+    PVX_TRY(put_bars(w, v, r.check, d));
+    bool ok = true;
     for (int k = 0; k < VOL_COLUMNS && ok; k++)
         ok = take_h5_append(w->col[k], w->column[k].type, 0, w->n_sets, 1,
                             (const char *)&r + w->column[k].offset);
     if (!ok || H5Fflush(w->file, H5F_SCOPE_LOCAL) < 0)
         return hdf5_write_fail(w, "cannot be written", d);
     w->n_sets++;
-    w->bytes += bytes + sizeof r;
+    w->bytes += sizeof r;
     return pvx_now_mono() - w->t_synced_ns < SYNC_NS ? PVX_OK : sync_file(w, d);
 }
 
@@ -257,23 +220,6 @@ static pvx_err hdf5_write_hdf5_gap(void *self, const struct vol_gap *g, struct p
 }
 
 /* ---- the file ---- */
-
-static bool make_emission(struct out *w)
-{
-    const struct pvp_grid *g = &w->grid;
-    hsize_t now[VOL_RANK] = {0, g->n[2], g->n[1], g->n[0], g->channels};
-    hsize_t most[VOL_RANK] = {H5S_UNLIMITED, g->n[2], g->n[1], g->n[0], g->channels};
-    hsize_t chunk[VOL_RANK] = {1, w->t.side[2], w->t.side[1], w->t.side[0], g->channels};
-    hid_t space = H5Screate_simple(VOL_RANK, now, most), p = H5Pcreate(H5P_DATASET_CREATE);
-    H5Pset_chunk(p, VOL_RANK, chunk);
-    H5Pset_shuffle(p);
-    H5Pset_deflate(p, LEVEL);
-    w->emission =
-        H5Dcreate2(w->file, "emission", H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT);
-    H5Pclose(p);
-    H5Sclose(space);
-    return w->emission >= 0;
-}
 
 static bool make_columns(struct out *w)
 {
@@ -303,7 +249,8 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     H5Pclose(fapl);
     if (e != PVX_OK)
         return e;
-    if (vol_hdf5_head(w->file, head) && make_emission(w) && make_columns(w) &&
+    w->emission = vol_pack_make(w->file, "emission", &w->grid, 0);
+    if (vol_hdf5_head(w->file, head) && w->emission >= 0 && make_columns(w) &&
         vol_hdf5_nexus(w->file, head) && H5Fstart_swmr_write(w->file) >= 0)
         return PVX_OK;
     unlink(w->path);
@@ -317,32 +264,9 @@ static void hdf5_write_free_out(struct out *w)
     if (w->room.fd >= 0)
         close(w->room.fd);
     vol_columns_done(w->column);
-    pvx_pool_free(&w->pool);
+    vol_packer_free(&w->pack);
     free(w->path);
-    free(w->brick_at);
-    free(w->chunk);
-    free(w->packed);
-    free(w->size);
-    free(w->mask);
-    free(w->hash);
-    free(w->wanted);
     free(w);
-}
-
-static bool hdf5_write_make_room(struct out *w)
-{
-    w->bound = compressBound(w->t.floats * sizeof(float));
-    w->n_bricks = pvp_grid_bricks(&w->grid, w->nb);
-    w->brick_at = malloc(w->n_bricks * sizeof *w->brick_at);
-    w->chunk = malloc(w->t.all * sizeof *w->chunk);
-    w->size = malloc(w->t.all * sizeof *w->size);
-    w->mask = malloc(w->t.all * sizeof *w->mask);
-    w->hash = malloc(w->t.all * sizeof *w->hash);
-    w->wanted = malloc(w->t.all);
-    for (uint32_t b = 0; b < w->n_bricks && w->brick_at != NULL; b++)
-        w->brick_at[b] = NO_BRICK;
-    return w->brick_at != NULL && w->chunk != NULL && w->size != NULL && w->mask != NULL &&
-           w->hash != NULL && w->wanted != NULL;
 }
 
 static pvx_err hdf5_write_hdf5_open(void **self, const char *path, const struct vol_head *head,
@@ -355,12 +279,11 @@ static pvx_err hdf5_write_hdf5_open(void **self, const char *path, const struct 
     w->file = -1;
     w->room.fd = -1;
     w->grid = head->start.grid;
-    w->t = vol_tiles(&w->grid);
+    w->bars = (struct vol_bars_file)VOL_BARS_FILE;
+    memcpy(w->units, head->start.units, sizeof w->units);
     w->path = strdup(path);
     vol_columns(w->column);
-    unsigned cpus = pvx_cpu_count(), threads = cpus < THREADS ? cpus : THREADS;
-    pvx_err e = w->path != NULL && hdf5_write_make_room(w) ? PVX_OK : PVX_ENOMEM;
-    PVX_THEN(e, pvx_pool_new(threads, "vol-pack", &w->pool));
+    pvx_err e = w->path != NULL ? vol_packer_open(&w->pack, &w->grid) : PVX_ENOMEM;
     PVX_THEN(e, create(w, head, d));
     if (e != PVX_OK) {
         hdf5_write_free_out(w);
@@ -372,7 +295,7 @@ static pvx_err hdf5_write_hdf5_open(void **self, const char *path, const struct 
 
 static void hdf5_hurry(void *self, bool on)
 {
-    ((struct out *)self)->hurry = on;
+    ((struct out *)self)->pack.hurry = on;
 }
 
 static uint64_t hdf5_bytes(const void *self)

@@ -10,7 +10,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "daemon/volumes/hdf5.h"
+#include "daemon/volumes/hdf5_bars.h"
 
 #define NOWHERE UINT32_MAX
 
@@ -28,7 +28,10 @@ struct joining {
     uint64_t *count; /* [n_parts] sets of each */
     struct place *at;
     struct vol_row *row;
-    size_t n; /* sets of the new file: at and row have that many */
+    struct vol_bars_row *bars;
+    uint32_t *modes; /* [n_parts] that each has, 0 none */
+    bool *sd;        /* [n_parts] */
+    size_t n;        /* sets of the new file: at, row and bars have that many */
     char *tmp;
     hid_t file;
 };
@@ -73,8 +76,11 @@ static pvx_err join_take_rows(struct joining *w, void *part, uint32_t p, struct 
         if (at != NULL && at->part == NOWHERE) {
             *at = (struct place){.part = p, .row = i};
             w->row[k] = row[i];
+            if (!vol_hdf5_bars_row(part, i, &w->bars[k]))
+                e = pvx_fail(d, PVX_ECORRUPT, "%s: its error bars are damaged", w->j->part[p]);
         }
     }
+    vol_hdf5_has_bars(part, &w->sd[p], &w->modes[p]);
     free(row);
     if (e != PVX_OK)
         return e;
@@ -117,8 +123,10 @@ static size_t close_ranks(struct joining *w)
                                          .status = VOL_UNSOLVED,
                                          .time = NAN,
                                          .rel_residual = NAN};
+            w->bars[k] = (struct vol_bars_row){.doubt = VOL_NO_BARS};
         }
         w->at[w->n] = w->at[k];
+        w->bars[w->n] = w->bars[k];
         w->row[w->n++] = w->row[k];
     }
     /* times of a part count from its own first set, those of the new file from the first of all */
@@ -186,45 +194,90 @@ static bool join_put_gaps(struct joining *w)
     return ok;
 }
 
-/* Map sets [k, k + n) of the new file to `n` consecutive ones of a part. */
-static bool map_run(struct joining *w, hid_t p, hid_t space, size_t k, size_t n)
+/* A dataset of the new file over those of the parts: [set][z][y][x][c], or with modes [set][mode][z][y][x][c]. */
+struct view {
+    const char *name;
+    uint32_t modes;
+};
+
+static bool view_in(const struct joining *w, const struct view *v, const struct place *at)
+{
+    return strcmp(v->name, "/emission") == 0 ||
+           (v->modes > 0 ? w->modes[at->part] > 0 : w->sd[at->part]);
+}
+
+static int view_shape(const struct joining *w, const struct view *v, hsize_t sets, uint32_t modes,
+                      hsize_t out[VOL_RANK + 1])
 {
     const struct pvp_grid *g = &w->head.start.grid;
+    const int lead = v->modes > 0 ? 2 : 1;
+    out[0] = sets;
+    out[1] = modes;
+    for (int a = 0; a < 3; a++)
+        out[lead + a] = g->n[2 - a];
+    out[lead + 3] = g->channels;
+    return lead + 4;
+}
+
+/* Map sets [k, k + n) of the new file to `n` consecutive ones of a part. */
+static bool map_run(struct joining *w, const struct view *v, hid_t p, hid_t space, size_t k,
+                    size_t n)
+{
     const struct place *at = &w->at[k];
     const char *path = w->j->part[at->part], *slash = strrchr(w->j->out, '/');
     const char *name = slash != NULL ? path + (slash - w->j->out) + 1 : path;
-    const hsize_t whole[VOL_RANK] = {w->count[at->part], g->n[2], g->n[1], g->n[0], g->channels};
-    const hsize_t to[VOL_RANK] = {k}, from[VOL_RANK] = {at->row};
-    const hsize_t size[VOL_RANK] = {n, g->n[2], g->n[1], g->n[0], g->channels};
-    hid_t source = H5Screate_simple(VOL_RANK, whole, NULL);
+    const hsize_t to[VOL_RANK + 1] = {k}, from[VOL_RANK + 1] = {at->row};
+    hsize_t whole[VOL_RANK + 1], size[VOL_RANK + 1];
+    view_shape(w, v, n, w->modes[at->part], size);
+    hid_t source = H5Screate_simple(view_shape(w, v, w->count[at->part], w->modes[at->part], whole),
+                                    whole, NULL);
     bool ok = H5Sselect_hyperslab(source, H5S_SELECT_SET, from, NULL, size, NULL) >= 0 &&
               H5Sselect_hyperslab(space, H5S_SELECT_SET, to, NULL, size, NULL) >= 0 &&
-              H5Pset_virtual(p, space, name, "/emission", source) >= 0;
+              H5Pset_virtual(p, space, name, v->name, source) >= 0;
     H5Sclose(source);
     return ok;
 }
 
-static bool put_emission(struct joining *w)
+static bool put_view(struct joining *w, const struct view *v)
 {
-    const struct pvp_grid *g = &w->head.start.grid;
-    const hsize_t all[VOL_RANK] = {w->n, g->n[2], g->n[1], g->n[0], g->channels};
+    hsize_t all[VOL_RANK + 1];
     const float unsolved = NAN;
-    hid_t space = H5Screate_simple(VOL_RANK, all, NULL), p = H5Pcreate(H5P_DATASET_CREATE);
+    hid_t space = H5Screate_simple(view_shape(w, v, w->n, v->modes, all), all, NULL);
+    hid_t p = H5Pcreate(H5P_DATASET_CREATE);
     bool ok = H5Pset_fill_value(p, H5T_NATIVE_FLOAT, &unsolved) >= 0;
     for (size_t k = 0, n; k < w->n && ok; k += n) {
         for (n = 1; k + n < w->n && w->at[k + n].part == w->at[k].part &&
                     (w->at[k].part == NOWHERE || w->at[k + n].row == w->at[k].row + n);)
             n++;
-        ok = w->at[k].part == NOWHERE || map_run(w, p, space, k, n);
+        ok = w->at[k].part == NOWHERE || !view_in(w, v, &w->at[k]) || map_run(w, v, p, space, k, n);
     }
     H5Sselect_all(space);
     hid_t s =
-        ok ? H5Dcreate2(w->file, "emission", H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT)
-           : -1;
+        ok ? H5Dcreate2(w->file, v->name, H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT) : -1;
     H5Dclose(s);
     H5Pclose(p);
     H5Sclose(space);
     return s >= 0;
+}
+
+static bool put_emission(struct joining *w)
+{
+    return put_view(w, &(struct view){"/emission", 0});
+}
+
+/* Once /sets and the groups of NeXus are there. */
+static bool join_put_bars(struct joining *w)
+{
+    bool sd = false;
+    uint32_t modes = 0;
+    for (uint32_t p = 0; p < w->j->n_parts; p++) {
+        sd |= w->sd[p];
+        modes = w->modes[p] > modes ? w->modes[p] : modes;
+    }
+    return !sd || (put_view(w, &(struct view){"/emission_sd", 0}) &&
+                   (modes == 0 || put_view(w, &(struct view){"/emission_modes", modes})) &&
+                   vol_bars_columns(w->file, w->bars, w->n, modes > 0) &&
+                   vol_hdf5_errors(w->file, &w->head));
 }
 
 static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
@@ -234,7 +287,7 @@ static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
     H5Pclose(fapl);
     bool ok = w->file >= 0 && vol_hdf5_head(w->file, &w->head) && put_emission(w) &&
               put_columns(w) && join_put_gaps(w) && vol_hdf5_nexus(w->file, &w->head) &&
-              vol_hdf5_vtk(w->file, &w->head.start.grid, w->n) &&
+              join_put_bars(w) && vol_hdf5_vtk(w->file, &w->head.start.grid, w->n) &&
               take_h5_put_int(w->file, "t_closed_ns", missing == 0 ? pvx_now_real() : 0) &&
               take_h5_put_int(w->file, "closed", missing == 0);
     pvx_err e = ok ? PVX_OK : take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
@@ -279,8 +332,12 @@ pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
     w.count = pvx_calloc(j->n_parts, sizeof *w.count);
     w.at = pvx_calloc(j->n, sizeof *w.at);
     w.row = pvx_calloc(j->n, sizeof *w.row);
+    w.bars = pvx_calloc(j->n, sizeof *w.bars);
+    w.modes = pvx_calloc(j->n_parts, sizeof *w.modes);
+    w.sd = pvx_calloc(j->n_parts, sizeof *w.sd);
     pvx_err e = asprintf(&w.tmp, "%s.tmp.%s.%ld", j->out, host, (long)getpid()) < 0 ||
-                        w.count == NULL || w.at == NULL || w.row == NULL
+                        w.count == NULL || w.at == NULL || w.row == NULL || w.bars == NULL ||
+                        w.modes == NULL || w.sd == NULL
                     ? pvx_fail(d, PVX_ENOMEM, "%s: no memory for %zu sets", j->out, j->n)
                     : volumes_join(&w, missing, d);
     H5Eclear2(H5E_DEFAULT);
@@ -289,6 +346,9 @@ pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
     free(w.count);
     free(w.at);
     free(w.row);
+    free(w.bars);
+    free(w.modes);
+    free(w.sd);
     free(w.tmp);
     return e;
 }

@@ -33,6 +33,7 @@ struct joined {
     size_t at;
     uint64_t part_sets;
     struct vol_head head;
+    bool modes; /* are wanted */
 };
 
 static pvx_err joined_read_wrong(const struct joined *r, struct pvx_diag *d, const char *what)
@@ -87,7 +88,7 @@ bool vol_hdf5_heaps_end(const char *path, uint64_t bytes)
 /* Whether the file is a joined one.  Only a file without filters is read as a whole. */
 static bool is_virtual(hid_t file, const char *path, uint64_t bytes)
 {
-    bool candidate = file >= 0 && !vol_hdf5_filtered(file) &&
+    bool candidate = file >= 0 && !vol_hdf5_filtered(file, "emission") &&
                      H5Lexists(file, "emission", H5P_DEFAULT) > 0 && bytes <= HEAPS_MOST &&
                      vol_hdf5_heaps_end(path, bytes);
     hid_t s = candidate ? H5Dopen2(file, "emission", H5P_DEFAULT) : -1;
@@ -233,6 +234,7 @@ static pvx_err open_part(struct joined *r, size_t i, struct pvx_diag *d)
                                head.start.session != r->head.start.session))
         return pvx_fail(d, PVX_EFORMAT, "%s: is a part of another recording than %s",
                         r->run[i].path, r->path);
+    vol_hdf5_reader.modes(r->part, r->modes);
     r->at = i;
     return PVX_OK;
 }
@@ -326,6 +328,14 @@ static pvx_err joined_get(void *self, uint64_t k, struct vol_volume *out, struct
                : pvx_fail(d, PVX_ECORRUPT, "%s: was written anew since it was joined", run->path);
 }
 
+static void joined_modes(void *self, bool on)
+{
+    struct joined *r = self;
+    r->modes = on;
+    if (r->part != NULL)
+        vol_hdf5_reader.modes(r->part, on);
+}
+
 static const struct vol_gap *joined_gap(const void *self, uint64_t k)
 {
     const struct joined *r = self;
@@ -336,4 +346,5 @@ const struct vol_reader_ops vol_joined_reader = {.is = joined_is,
                                                  .open = joined_open,
                                                  .get = joined_get,
                                                  .gap = joined_gap,
+                                                 .modes = joined_modes,
                                                  .close = joined_close};

@@ -83,6 +83,12 @@ pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volume *out, struct
     return r->ops->get(r->self, k, out, d);
 }
 
+void vol_reader_modes(vol_reader *r, bool on)
+{
+    if (r->ops->modes != NULL)
+        r->ops->modes(r->self, on);
+}
+
 const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k)
 {
     return r->ops->gap != NULL ? r->ops->gap(r->self, k) : NULL;

@@ -232,6 +232,6 @@ static const struct vol_gap *gap_at(const void *self, uint64_t k)
 }
 
 const struct vol_reader_ops vol_vdb_reader = {is_vdb, vdb_read_open_vdb, vdb_read_get, gap_at,
-                                              close_in};
-const struct vol_reader_ops vol_nvdb_reader = {is_nvdb, vdb_read_open_nvdb, vdb_read_get, gap_at,
-                                               close_in};
+                                              NULL,   close_in};
+const struct vol_reader_ops vol_nvdb_reader = {
+    is_nvdb, vdb_read_open_nvdb, vdb_read_get, gap_at, NULL, close_in};

@@ -23,8 +23,10 @@ struct vol_head {
 /* Error bars.  With modes d_k, the covariance of a channel's voxels is sum_k d_k d_k' + diag(t^2), where
  * t^2 = sd^2 - sum_k d_k^2 (0 if that is below 0).  All of 0: there are none. */
 struct vol_bars {
-    const float *sd;    /* [n_bricks][8^3][channels], one standard deviation; NULL: no bars */
-    uint32_t n_modes;   /* 0: not known, so that sums over voxels have no bar */
+    const float *sd; /* [n_bricks][8^3][channels], one standard deviation; NULL: no bars */
+    uint32_t
+        n_modes; /* 0: not known, so that sums over voxels have no bar; at most as in a recording's first set
+                         * that has any */
     const float *modes; /* [n_modes][n_bricks][8^3][channels] */
     uint32_t doubt;     /* bits of enum pvp_doubt: why the bars may be too small */
 };
@@ -98,6 +100,9 @@ enum vol_format vol_reader_format(const vol_reader *r);
 const struct vol_head *vol_reader_head(const vol_reader *r);
 uint64_t vol_reader_count(const vol_reader *r);
 bool vol_reader_cut(const vol_reader *r);
+/* Whether volumes come with the modes of their bars, which take n_modes times the memory of the volume.  At first they do
+ * not: then n_modes is 0. */
+void vol_reader_modes(vol_reader *r, bool on);
 /* Volume k in the order of the recording; borrowed until the next call.  PVX_ECORRUPT: damaged, or not finite. */
 PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volume *out,
                                       struct pvx_diag *d);
@@ -136,6 +141,7 @@ struct vol_reader_ops {
                     bool *cut, struct pvx_diag *d);
     pvx_err (*get)(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d);
     const struct vol_gap *(*gap)(const void *self, uint64_t k);
+    void (*modes)(void *self, bool on); /* may be NULL: the format has none */
     void (*close)(void *self);
 };
 struct cJSON;

@@ -23,7 +23,9 @@ static void volume(const uint8_t *data, size_t size)
 {
     struct pvp_view view;
     pvp_decoder *dec;
-    if (pvp_decode_volume(data, size, &view, NULL) != PVX_OK)
+    uint32_t doubt;
+    if (pvp_decode_volume(data, size, &view, NULL) != PVX_OK &&
+        pvp_decode_bars(data, size, &view, &doubt, NULL) != PVX_OK)
         return;
     size_t count = pvp_grid_count(&view.v.grid);
     if (count > 1 << 18 || pvp_decoder_new(&dec) != PVX_OK) /* a client's own limit */

@@ -48,8 +48,10 @@ static void record(const char *name, uint64_t first, uint64_t end)
     MUST(vol_writer_open(VOL_HDF5, name, &head, NULL, &w, NULL) == PVX_OK);
     for (uint64_t k = first; k < end; k++) {
         struct made_volume m = volumes_make(&s, k < 3 ? k : k + 1, 0.6);
+        float *bars = k == 1 ? NULL : volumes_bars(&m, k == 0 ? 0 : 2, PVP_DOUBT_LATE);
         MUST(vol_writer_put(w, &m.v, NULL) == PVX_OK);
         vol_store_free(&m.store);
+        free(bars);
     }
     MUST(vol_writer_gap(w, &gap, NULL) == PVX_OK && vol_writer_close(&w, NULL) == PVX_OK);
 }
@@ -219,6 +221,7 @@ static void use(vol_reader *r)
     MUST(memchr(h->start.units, 0, sizeof h->start.units) != NULL);
     all = pvp_grid_bricks(&h->start.grid, nb);
     for (uint64_t k = 0; k < n && k < 4 * SETS; k++) {
+        vol_reader_modes(r, k % 2 == 0);
         struct vol_volume v;
         struct pvx_diag d = {""};
         if (vol_reader_get(r, k, &v, &d) != PVX_OK) {
@@ -229,6 +232,12 @@ static void use(vol_reader *r)
             MUST(v.ids[b] < all && (b == 0 || v.ids[b] > v.ids[b - 1]));
         for (size_t i = 0; i < (size_t)v.n_bricks * 512 * h->start.grid.channels; i++)
             MUST(isfinite(v.brick[i]));
+        for (size_t i = 0;
+             v.bars.sd != NULL && i < (size_t)v.n_bricks * 512 * h->start.grid.channels; i++)
+            MUST(v.bars.sd[i] >= 0);
+        for (size_t i = 0; i < (size_t)v.bars.n_modes * v.n_bricks * 512 * h->start.grid.channels;
+             i++)
+            MUST(isfinite(v.bars.modes[i]));
         MUST(memchr(v.v.report.solver, 0, sizeof v.v.report.solver) != NULL);
     }
     for (uint64_t k = 0; (g = vol_reader_gap(r, k)) != NULL; k++)

@@ -1,6 +1,7 @@
 /* volumes.h - random sparse volumes, the same for the same seed, and whether two are one. */
 #ifndef TESTS_VOLUMES_H
 #define TESTS_VOLUMES_H
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -84,6 +85,38 @@ static inline struct made_volume volumes_make(const struct pvp_start *s, uint64_
     m.v.ids = m.store.ids;
     m.v.brick = m.store.brick;
     return m;
+}
+
+/* Error bars for it: modes whose values are known, and sd from them and a part of each voxel's own; owner: caller. */
+static inline float *volumes_bars(struct made_volume *m, uint32_t n_modes, uint32_t doubt)
+{
+    const size_t n = (size_t)m->v.n_bricks * 512 * m->v.v.grid.channels;
+    float *all = calloc((1 + n_modes) * n + 1, sizeof *all), *modes = all + n;
+    uint64_t rng = pvx_mix(m->v.v.set + 71) | 1;
+    if (all == NULL)
+        abort();
+    for (size_t i = 0; i < n; i++) {
+        double sum = 0;
+        for (uint32_t k = 0; k < n_modes && m->v.brick[i] != 0; k++) {
+            modes[k * n + i] = (float)(pvx_random(&rng) % 64) / 16 - 2;
+            sum += (double)modes[k * n + i] * modes[k * n + i];
+        }
+        const double own = (double)(1 + pvx_random(&rng) % 8) / 4;
+        all[i] = m->v.brick[i] != 0 ? (float)sqrt(sum + own * own) : 0;
+    }
+    m->v.bars = (struct vol_bars){
+        .sd = all, .n_modes = n_modes, .modes = n_modes > 0 ? modes : NULL, .doubt = doubt};
+    return all;
+}
+
+static inline bool volumes_same_bars(const struct vol_volume *a, const struct vol_volume *b)
+{
+    const struct vol_bars *x = &a->bars, *y = &b->bars;
+    const size_t n = (size_t)a->n_bricks * 512 * a->v.grid.channels * sizeof(float);
+    return (x->sd == NULL) == (y->sd == NULL) &&
+           (x->sd == NULL ||
+            (x->doubt == y->doubt && x->n_modes == y->n_modes && memcmp(x->sd, y->sd, n) == 0 &&
+             (x->n_modes == 0 || memcmp(x->modes, y->modes, n * x->n_modes) == 0)));
 }
 
 static inline bool volumes_same(const struct vol_volume *a, const struct vol_volume *b)

@@ -44,6 +44,7 @@ pvx_err volumes_out_copy(volumes_out *o, const char *from, uint64_t *n, uint64_t
     const struct vol_gap *g;
     *n = 0;
     PVX_TRY(vol_reader_open(from, &r, d));
+    vol_reader_modes(r, true);
     const struct pvp_start *s = &vol_reader_head(r)->start;
     pvx_err e = s->session == o->start.session && s->rig_hash == o->start.rig_hash &&
                         pvp_grid_same(&s->grid, &o->start.grid)

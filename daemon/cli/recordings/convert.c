@@ -205,6 +205,7 @@ static pvx_err convert_volumes(struct convert *c, struct pvx_diag *d)
     vol_writer *w = NULL;
     struct pvx_diag closing = {""};
     PVX_TRY(vol_reader_open(c->in, &r, d));
+    vol_reader_modes(r, c->format == VOL_HDF5); /* no other format has them */
     if (vol_reader_unsolved(r) > 0)
         fprintf(
             stderr,

@@ -167,6 +167,8 @@ static int repair_run(int argc, char **argv)
     pvx_err e = strlen(r.file) < 1000
                     ? vol_reader_open(r.file, &in, &d)
                     : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
+    if (e == PVX_OK)
+        vol_reader_modes(in, true);
     PVX_THEN(e, vol_reader_format(in) == VOL_HDF5
                     ? repair_hdf5(&r, in, &done, &d)
                     : vol_repair_folder(r.file, &r.good, &r.bad, &done, &d));
