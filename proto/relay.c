@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 #include "base/mem.h"
-#include "proto/wire.h"
+#include "proto/fields.h"
 
 /* Offsets of the fields that change (PROTOCOL.md). */
 enum { AT_BODY_LENGTH = 40, AT_COMPRESSION = 8, AT_STORED = 240 };
@@ -54,10 +54,11 @@ pvx_err pvp_relay_volume(pvp_relay *r, const void *msg, size_t len, bool small, 
     struct pvp_header h;
     *out = msg;
     *out_len = len;
-    PVX_TRY(pvp_decode_volume(msg, len, &v, d));
+    uint32_t doubt;
+    PVX_TRY(pvp_decode_header(msg, len, &h, d));
+    PVX_TRY(pvp_decode_bricks(msg, len, h.type == PVP_BARS ? PVP_BARS : PVP_VOLUME, &v, &doubt, d));
     if (v.comp == PVP_LZ4 || v.raw_len == 0 || (v.comp == PVP_RAW && !small))
         return PVX_OK;
-    PVX_TRY(pvp_decode_header(msg, len, &h, d));
     const uint8_t *raw;
     PVX_TRY(pvp_volume_payload(r->decoder, &v, &raw, d));
     size_t front = (size_t)(v.payload - (const uint8_t *)msg), room = front + v.raw_len;

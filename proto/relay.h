@@ -10,7 +10,7 @@
 typedef struct pvp_relay pvp_relay;
 PVX_MUST_CHECK pvx_err pvp_relay_new(pvp_relay **out);
 void pvp_relay_free(pvp_relay **r);
-/* Passes on a volume without Zstandard; `small`: an uncompressed one also becomes LZ4.  *out is `msg` itself, or
+/* Passes on a volume, or bars, without Zstandard; `small`: an uncompressed one also becomes LZ4.  *out is `msg` itself, or
  * borrowed until the next call.  Errors: as pvp_decode_volume and pvp_volume_payload. */
 PVX_MUST_CHECK pvx_err pvp_relay_volume(pvp_relay *r, const void *msg, size_t len, bool small,
                                         const void **out, size_t *out_len, struct pvx_diag *d);

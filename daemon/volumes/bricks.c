@@ -98,6 +98,26 @@ pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g, const floa
     return finite ? PVX_OK : PVX_ECORRUPT;
 }
 
+pvx_err vol_from_dense_bars(struct vol_store *s, struct vol_store *bars, const struct pvp_grid *g,
+                            const float *dense, const float *sd)
+{
+    uint32_t nb[3], all = pvp_grid_bricks(g, nb);
+    size_t cells = (size_t)B * B * B * g->channels;
+    bool finite = true;
+    PVX_TRY(vol_store_grow(s, all, g->channels));
+    PVX_TRY(vol_store_grow(bars, all, g->channels));
+    s->n = 0;
+    for (uint32_t id = 0; id < all; id++) {
+        struct place p = bricks_place(g, nb, id);
+        bool lit = bricks_gather(g, &p, dense, s->brick + s->n * cells, &finite);
+        bool barred = bricks_gather(g, &p, sd, bars->brick + s->n * cells, &finite);
+        if (lit || barred)
+            s->ids[s->n++] = id;
+    }
+    bars->n = s->n;
+    return finite ? PVX_OK : PVX_ECORRUPT;
+}
+
 #define NOT_THERE UINT32_MAX
 
 /* The brick of a voxel, and the voxel in it. */

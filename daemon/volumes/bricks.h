@@ -18,6 +18,10 @@ void vol_to_dense(const struct vol_volume *v, float *dense);
 /* Puts the bricks of a dense volume that are not all 0 into s.  PVX_ECORRUPT: a value is not finite; PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g,
                                       const float *dense);
+/* The same with a second volume, of which bars has the bricks: s and bars have those in which either is not 0. */
+PVX_MUST_CHECK pvx_err vol_from_dense_bars(struct vol_store *s, struct vol_store *bars,
+                                           const struct pvp_grid *g, const float *dense,
+                                           const float *sd);
 /* The same for a list of the voxels that are not 0. */
 PVX_MUST_CHECK pvx_err vol_from_voxels(struct vol_store *s, const struct pvp_grid *g,
                                        const struct pvp_voxels *x);

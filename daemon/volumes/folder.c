@@ -49,7 +49,8 @@ pvx_err vol_folder_list(const char *dir, const char *end, struct vol_folder *out
     pvx_err e = out->name != NULL ? PVX_OK : PVX_ENOMEM;
     for (int i = 0; i < n; i++) {
         const char *name = entry[i]->d_name;
-        if (e == PVX_OK && name[0] != '.' && pvx_path_ends(name, end)) {
+        if (e == PVX_OK && name[0] != '.' && pvx_path_ends(name, end) &&
+            !pvx_path_ends(name, VOL_SD)) {
             out->name[out->n] = strdup(name);
             e = out->name[out->n] != NULL ? PVX_OK : PVX_ENOMEM;
             out->n += e == PVX_OK;
@@ -79,7 +80,7 @@ bool vol_folder_has(const char *path, const char *end)
     if (stat(path, &st) != 0)
         return false;
     if (!S_ISDIR(st.st_mode))
-        return pvx_path_ends(path, end);
+        return pvx_path_ends(path, end) && !pvx_path_ends(path, VOL_SD);
     pvx_err e = vol_folder_list(path, end, &f, NULL);
     bool has = f.n > 0 && (e == PVX_OK || e == PVX_EFORMAT);
     vol_folder_free(&f);

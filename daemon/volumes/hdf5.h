@@ -58,6 +58,7 @@ int vol_hdf5_lacks(hid_t set);
 /* Whether an /emission without filters can be opened.  The mapping of a joined file lies in the heap, which has no
  * checksum, and libhdf5 (1.10.8) trusts it: where the heap is damaged, it searches for ever, or past the end. */
 bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
+#define VOL_HEAPS_MOST (UINT64_C(1) << 30) /* bytes: more than any joined file has */
 /* Attributes, rig and configuration of a new file; not closed yet. */
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */

@@ -69,14 +69,6 @@ static bool get_short(hid_t at, const char *name, char *out, size_t size)
     return ok;
 }
 
-bool vol_hdf5_filtered(hid_t file, const char *name)
-{
-    enum { FILTERS = 0x0B }; /* a message in a dataset's head, which has a checksum */
-    H5O_info_t about;
-    return H5Oget_info_by_name2(file, name, &about, H5O_INFO_HDR, H5P_DEFAULT) >= 0 &&
-           (about.hdr.mesg.present >> FILTERS & 1) != 0;
-}
-
 /* Whether its chunks are those of the recorder. */
 static void look_at_layout(struct in *r)
 {
@@ -88,22 +80,6 @@ static void look_at_layout(struct in *r)
                  side[0] == 1 && side[1] == t.side[2] && side[2] == t.side[1] &&
                  side[3] == t.side[0] && side[4] == r->start.grid.channels;
     H5Pclose(p);
-}
-
-int vol_hdf5_lacks(hid_t set)
-{
-    hid_t p = H5Dget_create_plist(set);
-    int n = H5Pget_nfilters(p), lacks = -1;
-    for (int k = 0; k < n && lacks < 0; k++) {
-        unsigned flags;
-        size_t values = 0;
-        H5Z_filter_t filter = H5Pget_filter2(p, (unsigned)k, &flags, &values, NULL, 0, NULL, NULL);
-        if (filter >= 0 && H5Zfilter_avail(filter) <= 0)
-            lacks = filter;
-    }
-    H5Pclose(p);
-    H5Eclear2(H5E_DEFAULT);
-    return lacks;
 }
 
 static pvx_err open_emission(struct in *r, uint64_t bytes, uint64_t *sets, struct pvx_diag *d)

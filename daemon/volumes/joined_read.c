@@ -43,53 +43,11 @@ static pvx_err joined_read_wrong(const struct joined *r, struct pvx_diag *d, con
                     r->path, what);
 }
 
-static uint64_t joined_read_load(const char *p, size_t bytes)
-{
-    uint64_t v = 0;
-    memcpy(&v, p, bytes); /* little-endian, as the file */
-    return v;
-}
-
-/* Whether the objects of a collection of the global heap (HDF5's format, III.E) follow each other to its end; object
- * 0 is free space.  p[0, n) begins with the collection. */
-static bool heap_ends(const char *p, size_t n)
-{
-    uint64_t size = n >= 16 ? joined_read_load(p + 8, 8) : 0;
-    if (size < 16 || size > n)
-        return false;
-    for (uint64_t at = 16, need; size - at >= 16; at += need) {
-        need = joined_read_load(p + at + 8, 8);
-        if (joined_read_load(p + at, 2) != 0)
-            need = need <= size ? 16 + (need + 7) / 8 * 8 : size + 1;
-        if (need == 0 || need > size - at)
-            return false;
-    }
-    return true;
-}
-
-#define HEAPS_MOST (UINT64_C(1) << 30) /* bytes: more than any joined file has */
-
-bool vol_hdf5_heaps_end(const char *path, uint64_t bytes)
-{
-    static const char begin[5] = "GCOL\1";
-    char *file, *p;
-    size_t n;
-    if (bytes > HEAPS_MOST)
-        return true;
-    if (pvx_file_read(path, bytes, &file, &n, NULL) != PVX_OK)
-        return false;
-    bool good = true;
-    for (p = file; good && (p = memmem(p, n - (size_t)(p - file), begin, sizeof begin)); p++)
-        good = heap_ends(p, n - (size_t)(p - file));
-    free(file);
-    return good;
-}
-
 /* Whether the file is a joined one.  Only a file without filters is read as a whole. */
 static bool is_virtual(hid_t file, const char *path, uint64_t bytes)
 {
     bool candidate = file >= 0 && !vol_hdf5_filtered(file, "emission") &&
-                     H5Lexists(file, "emission", H5P_DEFAULT) > 0 && bytes <= HEAPS_MOST &&
+                     H5Lexists(file, "emission", H5P_DEFAULT) > 0 && bytes <= VOL_HEAPS_MOST &&
                      vol_hdf5_heaps_end(path, bytes);
     hid_t s = candidate ? H5Dopen2(file, "emission", H5P_DEFAULT) : -1;
     hid_t p = s >= 0 ? H5Dget_create_plist(s) : -1;

@@ -370,6 +370,20 @@ struct Book {
                 });
         }
     }
+    void add_bars()
+    {
+        if (v.channels == 1)
+            add_channel<0>("emission_sd");
+        else if (!v.split)
+            add_scalar("emission_sd", [](const Cells &in, int n) {
+                return luminance(in.c[0][n], in.c[1][n], in.c[2][n]);
+            });
+        else {
+            add_channel<0>("red_sd");
+            add_channel<1>("green_sd");
+            add_channel<2>("blue_sd");
+        }
+    }
     void fill()
     {
         Cells cells;
@@ -411,6 +425,16 @@ size_t nano_make(const vol_vdb_bricks &v, const std::string &notes, void *out)
 {
     Book book{v, Topology(v), static_cast<char *>(out), {}, {}};
     book.add_all(notes);
+    book.fill();
+    return static_cast<size_t>(book.at - static_cast<char *>(out));
+}
+
+size_t nano_make_bars(const vol_vdb_bricks &v, void *out)
+{
+    vol_vdb_bricks of = v;
+    of.brick = v.sd;
+    Book book{of, Topology(of), static_cast<char *>(out), {}, {}};
+    book.add_bars();
     book.fill();
     return static_cast<size_t>(book.at - static_cast<char *>(out));
 }

@@ -45,5 +45,8 @@ size_t nano_room(const vol_vdb_bricks &v, size_t notes);
  * v.n: at most 4096. */
 size_t nano_make(const vol_vdb_bricks &v, const std::string &notes, void *out);
 
+/* The same of its error bars: emission_sd, or red_sd, green_sd, blue_sd.  Room: nano_room without notes. */
+size_t nano_make_bars(const vol_vdb_bricks &v, void *out);
+
 } // namespace vol
 #endif

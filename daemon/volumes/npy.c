@@ -1,5 +1,5 @@
 /* npy.c - a folder: SET.npy, float32 [nz][ny][nx][channels], and SET.json beside it, each pair whole or not
- * there; and recording.json with the gaps, rig.yaml and config.yaml as far as they are known. */
+ * there; SET.sd.npy with its error bars, if it has any; and recording.json with the gaps, rig.yaml and config.yaml as far as they are known. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -64,6 +64,19 @@ static void put_report(struct dmn_json *j, const struct pvp_report *r)
     dmn_json_close(j, '}');
 }
 
+/* Names of the doubts about the error bars in SET.sd.npy. */
+static void put_bars(struct dmn_json *j, uint32_t doubt)
+{
+    dmn_json_open(j, "bars", '{');
+    dmn_json_int(j, "doubt", doubt);
+    dmn_json_open(j, "doubts", '[');
+    for (unsigned bit = 0; pvp_doubt_name(bit) != NULL; bit++)
+        if ((doubt >> bit & 1) != 0)
+            dmn_json_str(j, NULL, pvp_doubt_name(bit));
+    dmn_json_close(j, ']');
+    dmn_json_close(j, '}');
+}
+
 static size_t npy_describe(const struct vol_volume *vol, const struct pvp_start *start, char *text,
                            size_t size)
 {
@@ -96,6 +109,8 @@ static size_t npy_describe(const struct vol_volume *vol, const struct pvp_start 
     dmn_json_str(&j, "software", start->software);
     dmn_json_str(&j, "sample", vol->sample == PVP_F16 ? "float16" : "float32");
     dmn_json_bool(&j, "clamped", vol->clamped);
+    if (vol->bars.sd != NULL)
+        put_bars(&j, vol->bars.doubt);
     put_report(&j, &v->report);
     dmn_json_close(&j, '}');
     return dmn_json_end(&j);
@@ -233,6 +248,21 @@ static pvx_err volumes_npy_open(void **self, const char *path, const struct vol_
     return PVX_OK;
 }
 
+static pvx_err put_sd(struct out *w, const struct vol_volume *v, const size_t shape[4],
+                      struct pvx_diag *d)
+{
+    char path[1100];
+    struct vol_volume bars = *v;
+    bars.brick = v->bars.sd;
+    if (bars.brick == NULL)
+        return PVX_OK;
+    snprintf(path, sizeof path, "%s/%06llu" VOL_SD, w->dir, (unsigned long long)v->v.set);
+    memset(w->dense, 0, w->count * sizeof *w->dense);
+    vol_to_dense(&bars, w->dense);
+    w->bytes += w->count * sizeof *w->dense;
+    return cap_npy_save(path, w->dense, shape, 4, d);
+}
+
 static pvx_err npy_put(void *self, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct out *w = self;
@@ -246,11 +276,12 @@ static pvx_err npy_put(void *self, const struct vol_volume *v, struct pvx_diag *
     if (len == 0)
         return pvx_fail(d, PVX_ERANGE, "%s: description longer than %zu bytes", path, sizeof text);
     text[len++] = '\n';
+    PVX_TRY(pvx_file_write(path, text, len, d));
+    pvx_err e = put_sd(w, v, shape, d);
     memset(w->dense, 0, w->count * sizeof *w->dense);
     vol_to_dense(v, w->dense);
-    PVX_TRY(pvx_file_write(path, text, len, d));
-    pvx_err e =
-        cap_npy_save(npy, w->dense, shape, 4, d); /* last: a volume that is there is described */
+    /* last: a volume that is there is described */
+    PVX_THEN(e, cap_npy_save(npy, w->dense, shape, 4, d));
     if (e != PVX_OK)
         unlink(path);
     else

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cjson/cJSON.h>
 
@@ -28,7 +29,7 @@ struct in {
     char *rig, *config;
     struct vol_gap *gap;
     uint64_t n_gaps;
-    struct vol_store store;
+    struct vol_store store, bars;
 };
 
 static bool npy_is(const char *path)
@@ -196,6 +197,8 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
         out->sample = sample != NULL && strcmp(sample, "float16") == 0 ? PVP_F16 : PVP_F32;
         out->clamped = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "clamped"));
         read_report(o, &v->report);
+        out->bars.doubt = npy_read_count(cJSON_GetObjectItemCaseSensitive(o, "bars"),
+                                         "doubt"); /* of NAME.sd.npy, if it is there */
         start->grid = *g;
         start->session = v->session;
         start->rig_hash = npy_read_hex(o, "rig_hash");
@@ -224,6 +227,45 @@ static pvx_err npy_read_numbered(const char *path, uint64_t set, struct pvx_diag
                     path, (unsigned long long)set);
 }
 
+/* NAME.sd.npy beside NAME.npy, or NULL: there is none. */
+static pvx_err load_sd(const char *npy, const size_t want[4], float **out, struct pvx_diag *d)
+{
+    char path[PATH_MAX + 8];
+    size_t shape[4];
+    int ndim;
+    *out = NULL;
+    snprintf(path, sizeof path, "%.*s" VOL_SD, (int)(strlen(npy) - 4), npy);
+    if (access(path, F_OK) != 0)
+        return PVX_OK;
+    PVX_TRY(cap_npy_load(path, out, shape, &ndim, d));
+    bool good = ndim >= 3 && memcmp(shape, want, sizeof shape) == 0;
+    for (size_t i = 0, n = shape[0] * shape[1] * shape[2] * shape[3]; i < n && good; i++)
+        good = (*out)[i] >= 0 && isfinite((*out)[i]);
+    if (good)
+        return PVX_OK;
+    free(*out);
+    *out = NULL;
+    return pvx_fail(d, PVX_ECORRUPT,
+                    "%s: is not a deviation, of 0 or more, for each value of the .npy beside it; "
+                    "move it away to read the volume without error bars",
+                    path);
+}
+
+/* The bricks of the volume and of its bars. */
+static pvx_err npy_read_bricks(struct in *r, const char *path, const size_t shape[4],
+                               const float *dense, struct vol_volume *out, struct pvx_diag *d)
+{
+    float *sd;
+    const struct pvp_grid *g = &out->v.grid;
+    PVX_TRY(load_sd(path, shape, &sd, d));
+    pvx_err e = sd != NULL ? vol_from_dense_bars(&r->store, &r->bars, g, dense, sd)
+                           : vol_from_dense(&r->store, g, dense);
+    out->bars = (struct vol_bars){.sd = sd != NULL ? r->bars.brick : NULL,
+                                  .doubt = sd != NULL ? out->bars.doubt : 0};
+    free(sd);
+    return e == PVX_ECORRUPT ? pvx_fail(d, e, "%s: holds a value that is not finite", path) : e;
+}
+
 static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
                              struct pvp_start *start, struct pvx_diag *d)
 {
@@ -243,9 +285,7 @@ static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
         e = pvx_fail(d, PVX_EFORMAT, "%s: a volume is [nz][ny][nx] or [nz][ny][nx][1 or 3]", path);
     PVX_THEN(e, read_json(path, shape, out, start, d));
     PVX_THEN(e, npy_read_numbered(path, out->v.set, d));
-    PVX_THEN(e, vol_from_dense(&r->store, &out->v.grid, dense));
-    if (e == PVX_ECORRUPT)
-        e = pvx_fail(d, e, "%s: holds a value that is not finite", path);
+    PVX_THEN(e, npy_read_bricks(r, path, shape, dense, out, d));
     free(dense);
     out->n_bricks = r->store.n;
     out->ids = r->store.ids;
@@ -315,6 +355,7 @@ static void npy_read_npy_close(void *self)
     free(r->config);
     free(r->gap);
     vol_store_free(&r->store);
+    vol_store_free(&r->bars);
     free(r);
 }
 

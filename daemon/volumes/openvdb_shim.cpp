@@ -99,6 +99,31 @@ GridBase::Ptr make_grid(const vol_vdb_bricks &v, const char *name, F get)
     return grid;
 }
 
+/* Deviations.  Those of channels are added as the luminance adds them: whatever the channels' errors have in common, the
+ * luminance's deviation is not above. */
+std::vector<GridBase::Ptr> make_bars(const vol_vdb_bricks &v)
+{
+    vol_vdb_bricks of = v;
+    of.brick = v.sd;
+    auto cut = [](float x) { return std::min(x, MOST_HALF); };
+    std::vector<GridBase::Ptr> all;
+    auto scalar = [&](const char *name, auto get) {
+        all.push_back(make_grid<FloatGrid>(of, name, get));
+        all.back()->setGridClass(openvdb::GRID_FOG_VOLUME);
+    };
+    if (v.channels == 1)
+        scalar("emission_sd", [=](const float *p) { return cut(p[0]); });
+    else if (!v.split)
+        scalar("emission_sd",
+               [=](const float *p) { return cut(vol::luminance(p[0], p[1], p[2])); });
+    else {
+        scalar("red_sd", [=](const float *p) { return cut(p[0]); });
+        scalar("green_sd", [=](const float *p) { return cut(p[1]); });
+        scalar("blue_sd", [=](const float *p) { return cut(p[2]); });
+    }
+    return all;
+}
+
 std::vector<GridBase::Ptr> make_grids(const vol_vdb_bricks &v)
 {
     const unsigned channels = v.channels;
@@ -120,6 +145,9 @@ std::vector<GridBase::Ptr> make_grids(const vol_vdb_bricks &v)
             v, "emission", [=](const float *p) { return Vec3f(cut(p[0]), cut(p[1]), cut(p[2])); }));
         all.back()->setVectorType(openvdb::VEC_INVARIANT);
     }
+    if (v.sd != nullptr)
+        for (auto &grid : make_bars(v))
+            all.push_back(grid);
     return all;
 }
 
@@ -247,11 +275,17 @@ int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t er
 {
     return vdb_guarded(err, err_size, [&]() -> int {
         const std::string notes = notes_of(*v);
-        auto made = nanovdb::HostBuffer::create(vol::nano_room(*v, notes.size()));
-        const size_t n = vol::nano_make(*v, notes, made.data());
         std::vector<Nano> all;
-        for (size_t at = 0; at < n; at += all.back().size())
-            all.push_back(alone(reinterpret_cast<const nanovdb::GridData *>(made.data() + at)));
+        auto take = [&](const nanovdb::HostBuffer &made, size_t n) {
+            for (size_t at = 0; at < n; at += all.back().size())
+                all.push_back(alone(reinterpret_cast<const nanovdb::GridData *>(made.data() + at)));
+        };
+        auto made = nanovdb::HostBuffer::create(vol::nano_room(*v, notes.size()));
+        take(made, vol::nano_make(*v, notes, made.data()));
+        if (v->sd != nullptr) {
+            auto bars = nanovdb::HostBuffer::create(vol::nano_room(*v, 0));
+            take(bars, vol::nano_make_bars(*v, bars.data()));
+        }
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);

@@ -9,7 +9,8 @@
  * Index coordinates: voxel (i, j, k) is at (i, j, k); with y_up at (i, k, -1-j), which turns z up into y up
  * and leaves bricks on leaves.  World = origin + spacing * index, so a voxel's centre is on whole numbers.
  * Grids: `density`, luminance (Rec. 709), and with three channels `emission` of vectors, or with `split`
- * red, green, blue.  A voxel is active if some channel is not 0.
+ * red, green, blue.  A voxel is active if some channel is not 0.  With error bars also `emission_sd`, the deviation of
+ * `density`, or with `split` red_sd, green_sd, blue_sd, active where they are not 0; they are not read back.
  * .vdb is saved as half (values cut to +-65504), .nvdb as float.
  * The notes are a .vdb's metadata; NanoVDB has none, so there they are blind data of the first grid, called
  * VOL_NVDB_NOTES, in the same bytes as in a .vdb. */
@@ -25,7 +26,7 @@ extern "C" {
 #define VOL_VDB_NOEXCEPT
 #endif
 
-#define VOL_VDB_VERSION   4
+#define VOL_VDB_VERSION   5
 #define VOL_NVDB_NOTES    "pyrovox"
 #define VOL_VDB_NOTES_MAX 64
 
@@ -45,6 +46,8 @@ struct vol_vdb_bricks {
     uint32_t n_bricks;
     const uint32_t *ids; /* [n_bricks] ascending */
     const float *brick;  /* [n_bricks][8^3][channels] */
+    const float *
+        sd; /* the same of the error bars, only for the two functions that write files; NULL: none */
     const struct vol_vdb_note *notes;
     size_t n_notes;
 };

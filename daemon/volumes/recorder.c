@@ -238,11 +238,22 @@ static bool is_full(vol_recorder *r, size_t bytes)
     return full;
 }
 
-pvx_err vol_recorder_put(vol_recorder *r, pvp_decoder *dec, const struct pvp_view *view,
-                         struct pvx_diag *d)
+/* Bars that cannot be read, or are none, are left out: the volume is worth more. */
+static bool read_bars(pvp_decoder *dec, const struct pvp_view *bars, uint32_t *ids, float *sd,
+                      size_t floats)
 {
-    size_t floats = view->n_bricks * B3 * view->v.grid.channels;
-    size_t bytes = sizeof(struct item) + view->n_bricks * sizeof(uint32_t) + floats * sizeof(float);
+    bool good = pvp_volume_bricks(dec, bars, ids, sd, floats, NULL) == PVX_OK;
+    for (size_t k = 0; k < floats && good; k++)
+        good = sd[k] >= 0;
+    return good;
+}
+
+pvx_err vol_recorder_put(vol_recorder *r, pvp_decoder *dec, const struct pvp_view *view,
+                         const struct pvp_view *bars, uint32_t doubt, struct pvx_diag *d)
+{
+    size_t floats = view->n_bricks * B3 * view->v.grid.channels, planes = bars != NULL ? 2 : 1;
+    size_t bytes =
+        sizeof(struct item) + view->n_bricks * sizeof(uint32_t) + planes * floats * sizeof(float);
     if (is_full(r, bytes)) {
         if (r->full.volumes++ == 0)
             r->full.set_first = view->v.set;
@@ -258,7 +269,7 @@ pvx_err vol_recorder_put(vol_recorder *r, pvp_decoder *dec, const struct pvp_vie
     if (i == NULL)
         return pvx_fail(d, PVX_ENOMEM, "no memory for a volume of %zu bytes", bytes);
     float *brick = (float *)(i + 1);
-    uint32_t *ids = (uint32_t *)(brick + floats);
+    uint32_t *ids = (uint32_t *)(brick + planes * floats);
     *i = (struct item){.bytes = bytes,
                        .kind = VOLUME,
                        .v = {.v = view->v,
@@ -267,6 +278,8 @@ pvx_err vol_recorder_put(vol_recorder *r, pvp_decoder *dec, const struct pvp_vie
                              .n_bricks = view->n_bricks,
                              .ids = ids,
                              .brick = brick}};
+    if (bars != NULL && read_bars(dec, bars, ids, brick + floats, floats))
+        i->v.bars = (struct vol_bars){.sd = brick + floats, .doubt = doubt};
     pvx_err e = pvp_volume_bricks(dec, view, ids, brick, floats, d);
     if (e != PVX_OK)
         free(i);

@@ -35,9 +35,11 @@ PVX_MUST_CHECK pvx_err vol_recorder_new(const struct vol_recorder_config *c, vol
 /* The volumes that follow are of this session.  The texts of head are copied; where gets the recording's path. */
 PVX_MUST_CHECK pvx_err vol_recorder_session(vol_recorder *r, const struct vol_head *head,
                                             char *where, size_t size, struct pvx_diag *d);
-/* Queues the message's volume.  PVX_OK also if it had to be left out (stats).  Errors: as pvp_volume_bricks. */
+/* Queues the message's volume.  bars: its error bars with their doubt, or NULL.  PVX_OK also if it had to be left out
+ * (stats).  Errors: as pvp_volume_bricks. */
 PVX_MUST_CHECK pvx_err vol_recorder_put(vol_recorder *r, pvp_decoder *dec,
-                                        const struct pvp_view *view, struct pvx_diag *d);
+                                        const struct pvp_view *view, const struct pvp_view *bars,
+                                        uint32_t doubt, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_recorder_gap(vol_recorder *r, const struct vol_gap *g);
 void vol_recorder_stats(vol_recorder *r, struct vol_recorder_stats *out);
 /* Waits until all is written, and closes.  Returns the first error.  last: the final statistics, may be NULL. */

@@ -26,7 +26,13 @@ void vol_vdb_lay(struct vol_vdb_about *about, const struct vol_volume *v, struct
     *out = (struct vol_vdb_bricks){.n_bricks = v->n_bricks,
                                    .ids = v->ids,
                                    .brick = v->brick,
+                                   .sd = v->bars.sd,
                                    .notes = note,
                                    .n_notes = vol_vdb_notes_make(about, note)};
+    if (v->bars.sd != NULL) { /* one note more: readers take those that they know */
+        note[out->n_notes] =
+            (struct vol_vdb_note){.key = "bars_doubt", .kind = VOL_VDB_INT, .i = v->bars.doubt};
+        out->n_notes++;
+    }
     vol_vdb_place(about, out);
 }

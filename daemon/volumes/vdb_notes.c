@@ -62,7 +62,7 @@ static const struct field {
     FIELD("software", TEXT, start.software),
 };
 #define N_FIELDS (sizeof fields / sizeof fields[0])
-_Static_assert(N_FIELDS + 3 <= VOL_VDB_NOTES_MAX, "room for all notes");
+_Static_assert(N_FIELDS + 4 <= VOL_VDB_NOTES_MAX, "room for all notes");
 
 static void vdb_notes_put_text(struct vol_vdb_note *n, const char *key, const char *text)
 {

@@ -13,6 +13,7 @@ struct vol_voxels {
     uint32_t n;
     int32_t *index; /* [count], reserved */
     float *value;   /* [count][channels], reserved */
+    float *sd;      /* [count][channels], reserved */
 };
 
 pvx_err vol_voxels_new(const struct pvp_grid *g, vol_voxels **out)
@@ -24,8 +25,9 @@ pvx_err vol_voxels_new(const struct pvp_grid *g, vol_voxels **out)
     x->count = (size_t)g->n[0] * g->n[1] * g->n[2];
     x->index = pvx_reserve(x->count * sizeof *x->index);
     x->value = pvx_reserve(x->count * g->channels * sizeof *x->value);
+    x->sd = pvx_reserve(x->count * g->channels * sizeof *x->sd);
     *out = x;
-    if (x->index != NULL && x->value != NULL)
+    if (x->index != NULL && x->value != NULL && x->sd != NULL)
         return PVX_OK;
     vol_voxels_free(out);
     return PVX_ENOMEM;
@@ -40,18 +42,30 @@ void vol_voxels_free(vol_voxels **xp)
         pvx_unreserve(x->index, x->count * sizeof *x->index);
     if (x->value != NULL)
         pvx_unreserve(x->value, x->count * x->grid.channels * sizeof *x->value);
+    if (x->sd != NULL)
+        pvx_unreserve(x->sd, x->count * x->grid.channels * sizeof *x->sd);
     PVX_FREE(*xp);
 }
 
-/* One row of 8 voxels of brick b, which begins at voxel i0 of the row whose first voxel is number `row`. */
-static void voxels_add_row(struct vol_voxels *x, const float *in, uint32_t i0, size_t row)
+static bool voxels_dark(const float *v, uint32_t channels)
+{
+    return v[0] == 0 && (channels == 1 || (v[1] == 0 && v[2] == 0));
+}
+
+/* One row of 8 voxels of a brick, which begins at voxel i0 of the row whose first voxel is number `row`.  sd may be NULL. */
+static void voxels_add_row(struct vol_voxels *x, const float *in, const float *sd, uint32_t i0,
+                           size_t row)
 {
     const uint32_t channels = x->grid.channels;
-    for (uint32_t i = 0; i < SIDE && i0 + i < x->grid.n[0]; i++, in += channels) {
-        if (in[0] == 0 && (channels == 1 || (in[1] == 0 && in[2] == 0)))
+    for (uint32_t i = 0; i < SIDE && i0 + i < x->grid.n[0]; i++) {
+        const float *value = in + (size_t)i * channels;
+        const float *bar = sd != NULL ? sd + (size_t)i * channels : NULL;
+        if (voxels_dark(value, channels) && (bar == NULL || voxels_dark(bar, channels)))
             continue;
         x->index[x->n] = (int32_t)(row + i0 + i);
-        memcpy(x->value + (size_t)x->n * channels, in, channels * sizeof *in);
+        memcpy(x->value + (size_t)x->n * channels, value, channels * sizeof *value);
+        if (bar != NULL)
+            memcpy(x->sd + (size_t)x->n * channels, bar, channels * sizeof *bar);
         x->n++;
     }
 }
@@ -64,9 +78,11 @@ static void add_rows(struct vol_voxels *x, const struct vol_volume *v, uint32_t 
     const uint32_t nbx = (g->n[0] + SIDE - 1) / SIDE, nby = (g->n[1] + SIDE - 1) / SIDE;
     const uint32_t y0 = v->ids[from] / nbx % nby * SIDE, z0 = v->ids[from] / nbx / nby * SIDE;
     for (uint32_t j = 0; j < SIDE && y0 + j < g->n[1]; j++)
-        for (uint32_t b = from; b < to; b++)
-            voxels_add_row(x, v->brick + (((size_t)b * SIDE + k) * SIDE + j) * SIDE * g->channels,
+        for (uint32_t b = from; b < to; b++) {
+            const size_t at = (((size_t)b * SIDE + k) * SIDE + j) * SIDE * g->channels;
+            voxels_add_row(x, v->brick + at, v->bars.sd != NULL ? v->bars.sd + at : NULL,
                            v->ids[b] % nbx * SIDE, ((size_t)(z0 + k) * g->n[1] + y0 + j) * g->n[0]);
+        }
 }
 
 /* The end of the bricks from `from` on that share ids / per. */
@@ -79,7 +95,8 @@ static uint32_t voxels_run_end(const struct vol_volume *v, uint32_t from, uint32
     return b;
 }
 
-void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out)
+void vol_voxels_bars(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out,
+                     struct pvp_voxels *sd)
 {
     const struct pvp_grid *g = &x->grid;
     const uint32_t nbx = (g->n[0] + SIDE - 1) / SIDE, nby = (g->n[1] + SIDE - 1) / SIDE;
@@ -94,4 +111,13 @@ void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels 
             }
     }
     *out = (struct pvp_voxels){x->n, x->index, x->value, (int)g->channels};
+    *sd = (struct pvp_voxels){v->bars.sd != NULL ? x->n : 0, x->index, x->sd, (int)g->channels};
+}
+
+void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out)
+{
+    struct vol_volume bare = *v;
+    struct pvp_voxels none;
+    bare.bars = (struct vol_bars){0};
+    vol_voxels_bars(x, &bare, out, &none);
 }

@@ -8,5 +8,9 @@ typedef struct vol_voxels vol_voxels;
 PVX_MUST_CHECK pvx_err vol_voxels_new(const struct pvp_grid *g, vol_voxels **out);
 /* The voxels that are not 0, borrowed until the next call.  v has the grid. */
 void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out);
+/* The same with the error bars of these voxels, which may be none: voxels of which either is not 0.  sd->n is 0 without
+ * bars. */
+void vol_voxels_bars(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out,
+                     struct pvp_voxels *sd);
 void vol_voxels_free(vol_voxels **x);
 #endif

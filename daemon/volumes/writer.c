@@ -91,7 +91,8 @@ static pvx_err writer_has_room(const vol_writer *w, const struct vol_volume *v, 
     if (w->keep_free_bytes == 0 || statvfs(dirname(dir), &st) != 0)
         return PVX_OK;
     uint64_t left = (uint64_t)st.f_bavail * st.f_frsize;
-    uint64_t need = (uint64_t)v->n_bricks * PVP_BRICK * PVP_BRICK * PVP_BRICK * v->v.grid.channels *
+    uint64_t planes = v->bars.sd != NULL ? 2 + v->bars.n_modes : 1;
+    uint64_t need = planes * v->n_bricks * PVP_BRICK * PVP_BRICK * PVP_BRICK * v->v.grid.channels *
                     sizeof(float);
     return left >= w->keep_free_bytes + need
                ? PVX_OK

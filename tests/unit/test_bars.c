@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
+#include "capture/files/imgio.h"
 #include "daemon/volumes/join.h"
 #include "tests/lib/scratch.h"
 #include "tests/lib/volumes.h"
@@ -154,6 +155,39 @@ T_CASE(bars_beyond_the_flame)
     T_EQ_I(vol_reader_get(r, 0, &back, NULL), PVX_OK);
     T_OK(volumes_same(&v, &back) && volumes_same_bars(&v, &back));
     vol_reader_close(&r);
+    scratch_remove();
+}
+
+/* A folder of .npy has deviations without modes; what is no deviation is refused, and is no volume. */
+T_CASE(bars_beside_npy)
+{
+    struct vol_volume v;
+    struct pvx_diag d = {""};
+    float *dense = calloc((size_t)33 * 20 * 9 * 3, sizeof *dense);
+    scratch_new();
+    start = volumes_start(33, 20, 9, 3);
+    vol_writer *w = begin(VOL_NPY, at("npy"));
+    put(w, 1, 2);
+    put(w, 2, -1);
+    put(w, 3, 0);
+    finish(w);
+    vol_reader *r = open_it(at("npy"), 3);
+    is(r, 0, 1, 2, false);
+    is(r, 1, 2, -1, false);
+    is(r, 2, 3, 0, false);
+    vol_reader_close(&r);
+    dense[7] = -1;
+    const size_t shape[4] = {9, 20, 33, 3};
+    T_EQ_I(cap_npy_save(at("npy/000003.sd.npy"), dense, shape, 4, &d), PVX_OK);
+    r = open_it(at("npy"), 3);
+    T_EQ_I(vol_reader_get(r, 2, &v, &d), PVX_ECORRUPT);
+    T_CONTAINS(d.text, "000003.sd.npy: is not a deviation");
+    vol_reader_close(&r);
+    T_EQ_I(unlink(at("npy/000003.sd.npy")), 0);
+    r = open_it(at("npy"), 3);
+    is(r, 2, 3, -1, false);
+    vol_reader_close(&r);
+    free(dense);
     scratch_remove();
 }
 

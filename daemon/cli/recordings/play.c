@@ -175,7 +175,7 @@ static pvx_err play_gaps(struct play *p, uint64_t end, struct pvx_diag *d)
 static pvx_err play_once(struct play *p, struct pvx_diag *d)
 {
     struct vol_volume v;
-    struct pvp_voxels x;
+    struct pvp_voxels x, sd;
     int64_t began = pvx_now_mono(), first_ns = 0, last_ns = INT64_MAX;
     p->gap = 0;
     for (uint64_t k = 0; k < vol_reader_count(p->in) && !cli_stop; k++) {
@@ -190,8 +190,10 @@ static pvx_err play_once(struct play *p, struct pvx_diag *d)
         if (cli_stop)
             break;
         PVX_TRY(play_gaps(p, v.v.set, d));
-        vol_voxels_of(p->voxels, &v, &x);
-        pvx_err e = pvp_pub_volume(p->pub, &v.v, &x, NULL);
+        vol_voxels_bars(p->voxels, &v, &x, &sd);
+        pvx_err e =
+            v.bars.sd != NULL ? pvp_pub_bars(p->pub, &v.v, v.bars.doubt, &sd, NULL) : PVX_OK;
+        PVX_THEN(e, pvp_pub_volume(p->pub, &v.v, &x, NULL));
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: set %llu cannot be published: %s", p->file,
                             (unsigned long long)v.v.set, pvx_strerror(e));

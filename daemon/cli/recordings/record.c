@@ -219,6 +219,17 @@ static pvx_err record_event(struct record *r, const void *msg, size_t len)
     return e;
 }
 
+/* The volume with its error bars, if it has some that can be read. */
+static pvx_err record_put(struct record *r, const struct pvp_view *view, struct pvx_diag *d)
+{
+    size_t len;
+    struct pvp_view bars;
+    uint32_t doubt = 0;
+    const void *msg = pvp_sub_bars(r->sub, &len);
+    bool any = msg != NULL && pvp_decode_bars(msg, len, &bars, &doubt, NULL) == PVX_OK;
+    return vol_recorder_put(r->rec, r->decoder, view, any ? &bars : NULL, doubt, d);
+}
+
 /* Record a volume.  A message that cannot be read is counted and the first one reported.  The recording goes on. */
 static pvx_err record_save(struct record *r, const struct pvp_header *h, const void *msg,
                            size_t len, struct pvx_diag *d)
@@ -229,7 +240,7 @@ static pvx_err record_save(struct record *r, const struct pvp_header *h, const v
     if (e == PVX_OK) {
         PVX_TRY(enter_session(r, h, view.v.set, d));
         PVX_TRY(record_note_missing(r, h, view.v.set));
-        e = vol_recorder_put(r->rec, r->decoder, &view, &bad);
+        e = record_put(r, &view, &bad);
         r->accepted += e == PVX_OK;
     }
     if (e == PVX_ENOMEM)
