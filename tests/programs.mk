@@ -26,7 +26,7 @@ $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 $(UNIT): $(B)/tests/lib/main.o
 STABILITY_PROGRAMS := $(B)/tests/stability/stability $(B)/tests/sim/test_stability
 $(STABILITY_PROGRAMS): $(STABILITY)
-$(STABILITY_PROGRAMS) $(B)/tests/unit/test_resolution: LDLIBS += -llapacke
+$(STABILITY_PROGRAMS) $(B)/tests/unit/test_resolution $(B)/tests/unit/test_perturb: LDLIBS += -llapacke
 # It also writes files.
 $(B)/tests/unit/test_tiff: LDLIBS += -ltiff
 # A V4L2 device that umockdev answers for.

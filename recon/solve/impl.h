@@ -9,6 +9,7 @@
 #include "recon/solve/solve.h"
 
 #define N_XVEC           8
+#define REC_XV_LHAT      6 /* the default method leaves a L xhat of (1b) there */
 #define N_YVEC           3
 #define REC_OSEM_SUBSETS 4
 
@@ -24,6 +25,21 @@ enum rec_start {
     REC_START_ZERO,
     REC_START_SCALED, /* an earlier volume, scaled to the least residual; yv[0], yv[1] hold it */
     REC_START_FITS    /* x fits b already, as a coarser solution does: it shows where it burns */
+};
+
+/* The weights with which a solve of the default method ended, and what its solution has of the terms, per lane. */
+struct rec_ended {
+    double lambda[4];
+    double penalty[4]; /* ||V^(1/2) L x||^2, of (1b) where it holds */
+    double rwr[4];     /* r'Wr */
+};
+
+/* An objective that is given instead of found: (1b) of pcg.c with this lambda, nu, xhat and a L xhat, and with the V
+ * and the neighbours that the solve before of the same columns left behind.  Nothing is renewed. */
+struct rec_frozen {
+    double lambda[4], nu[4];
+    const float *expect; /* [n][cs] xhat, and a L xhat; NULL, NULL: (1) */
+    float *lhat;
 };
 
 struct rec_problem {
@@ -63,6 +79,10 @@ struct rec_problem {
     const float *expect;
     double nu[4], keep[4];
 
+    /* of the default method; rec_problem_load: NULL */
+    const struct rec_frozen *frozen; /* or NULL: the method finds its weights */
+    struct rec_ended ended;          /* out */
+
     /* start.h */
     enum rec_start start;
     uint32_t renewals;   /* limit, of V and lambda; rec_problem_load: REC_RENEWALS */
@@ -96,6 +116,9 @@ REC_SOLVERS(REC_METHOD)
  * r'Wr; penalty: ||V^(1/2) L x||^2; each per lane, as lambda [4], in and out. */
 void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const double penalty[4],
                          const double lit[4], double lambda[4]);
+
+/* g of (4): the degrees of freedom of lane l, of which `lit` columns are not at their bound. */
+double rec_problem_freedom(const rec_problem *pb, int l, double lit, double lambda);
 
 /* A pass is cut into the chunks of A's rows, or of its columns, or of its rows and then its columns. */
 static inline size_t rec_row_chunks(const rec_problem *pb)

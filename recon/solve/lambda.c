@@ -225,6 +225,12 @@ void rec_problem_misfit(rec_problem *pb, const double misfit2[4])
             pb->lambda[l] = pb->formula[l] * fmin(misfit2[l] / pb->noise2[l], MOST_MISFIT);
 }
 
+double rec_problem_freedom(const rec_problem *pb, int l, double lit, double lambda)
+{
+    double rows = rec_rows_of(pb, l), dof = DOF * lit / sqrt(lambda / pb->unit[l]); /* G */
+    return dof / (1 + dof / rows);
+}
+
 void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const double penalty[4],
                          const double lit[4], double lambda[4])
 {

@@ -21,6 +21,7 @@
  * alpha, beta, lambda are per channel.
  * From a coarser solution V and the automatic lambda are renewed some times (renewal.h): r and L x stay.  Between
  * renewals the objective never rises.  The report lists the iterations after which the objective is another one.
+ * A frozen objective (impl.h) is (1b) with V, lambda, nu and xhat that the caller gives.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside Bertsekas' projection
  * of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the arrangement is our own.
  * Cost per iteration: A and A' once, some 21 passes over a vector of voxels, one read or write each. */
@@ -188,6 +189,35 @@ static bool risen(const rec_problem *pb, const double now[4], const double befor
     return rose;
 }
 
+/* The weights, the prediction and d = 0 before the first iteration. */
+static void pcg_begin(struct rec_pcg *t)
+{
+    rec_problem *pb = t->pb;
+    size_t chunks = rec_column_chunks(pb);
+    rec_smooth_init(&t->smooth, &pb->a->S->grid);
+    if (pb->frozen != NULL) { /* V and the neighbours are there */
+        memcpy(t->lambda, pb->frozen->lambda, sizeof t->lambda);
+        memcpy(t->nu, pb->frozen->nu, sizeof t->nu);
+        t->expect = pb->frozen->expect;
+        t->lhat = pb->frozen->lhat;
+        memset(t->d, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *t->d);
+        return;
+    }
+    memcpy(t->lambda, pb->lambda, sizeof t->lambda);
+    memcpy(t->nu, pb->nu, sizeof t->nu);
+    pvx_pool_run(pb->a->pool, chunks, t->pass->begin, t); /* L; V = 1; d = 0 */
+    if (t->expect != NULL)
+        pvx_pool_run(pb->a->pool, chunks, t->pass->expected, t);
+}
+
+/* What frozen solves after this one are given. */
+static void pcg_tell(const struct rec_pcg *t, const double rwr[4], struct rec_ended *out)
+{
+    memcpy(out->lambda, t->lambda, sizeof out->lambda);
+    memcpy(out->penalty, t->penalty, sizeof out->penalty);
+    memcpy(out->rwr, rwr, sizeof out->rwr);
+}
+
 void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                    struct rec_solve_report *out)
 {
@@ -208,14 +238,12 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         .lx = pb->xv[4],
                         .ar = pb->xv[5],
                         .expect = pb->expect,
-                        .lhat = pb->xv[6],
+                        .lhat = pb->xv[REC_XV_LHAT],
                         .scale = pb->xv[7],
                         .r = pb->yv[0],
                         .q = pb->yv[1],
                         .pass = &table};
     const struct rec_pcg_passes *pass = &table;
-    pvx_pool *pool = pb->a->pool;
-    size_t chunks = rec_column_chunks(pb);
     struct rec_renewal renewal;
     struct rec_stopper stop;
     double gamma[4], cross[4], rwr[4], f[4], now[4], next[4];
@@ -223,17 +251,11 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
 
     rec_pcg_passes_init(&table, pb->a->k->cpu);
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
-    memcpy(t.lambda, pb->lambda, sizeof t.lambda);
-    rec_smooth_init(&t.smooth, &pb->a->S->grid);
-    pvx_pool_run(pool, chunks, pass->begin, &t); /* L; V = 1; d = 0 */
-
-    memcpy(t.nu, pb->nu, sizeof t.nu);
-    if (t.expect != NULL)
-        pvx_pool_run(pool, chunks, pass->expected, &t);
+    pcg_begin(&t);
     rec_start_residual(pb, x, rwr); /* r = A x - b, q = W r */
     rec_bound_raise(pb, t.r, t.q, rwr);
     smoothness(&t); /* lx = V L x */
-    if (pb->start == REC_START_FITS)
+    if (pb->start == REC_START_FITS && pb->frozen == NULL)
         rec_renewal_stiffen(&t, t.penalty, next); /* V, lx from x */
     pcg_value(&t, rwr, f);
     precondition(&t);
@@ -281,6 +303,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
         (void)rec_selfcal_estimate(pb, t.r); /* for the next grid */
     for (int l = 0; l < pb->nch; l++)
         out->lambda += t.lambda[l] / pb->nch;
+    pcg_tell(&t, rwr, &pb->ended);
     if (t.x != x)
         rec_copy_x(pb, x, t.x);
     if (rec_stop_end(&stop, x))

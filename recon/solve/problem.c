@@ -218,6 +218,7 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
     pb->given = in->b;
     pb->weighed = false;
     pb->expect = NULL;
+    pb->frozen = NULL;
     pb->start = REC_START_NONE;
     pb->renewals = REC_RENEWALS;
     size_t rows = rec_row_chunks(pb);

@@ -1,0 +1,229 @@
+#include "recon/frame/bars.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/frame/impl.h"
+#include "recon/frame/spread.h"
+#include "recon/solve/perturb.h"
+
+#define GAP   15.0 /* (3) */
+#define DRAWN 0.6  /* factor on (4) */
+#define PRIOR 0.25 /* share of the prior in a draw */
+#define HUE   2.0  /* (5) */
+#define LEAST 6    /* iterations, at least */
+#define VIEWS 80   /* J: iterations times cameras, at least: of few cameras each one matters more */
+#define POOR  25.0 /* doubt: sigma^2 over that of the dark */
+
+struct rec_bars {
+    uint32_t K;
+    size_t cs, voxels, bytes;
+    void *areas;
+    float *modes, *sd; /* [K + 1][n][cs], [n][cs] */
+    float *mean;       /* [n][cs] */
+    struct rec_spread spread;
+    rec_perturb *perturb;
+
+    /* of the frame at hand */
+    rec_frame *f;
+    size_t vector; /* n cs */
+    struct rec_perturb_fit fit[4];
+    struct rec_perturbation p;
+    struct rec_bars_view *out;
+};
+
+static size_t bars_lay_out(struct rec_bars *b, float *base)
+{
+    const size_t vector = b->voxels * b->cs;
+    struct {
+        float **to;
+        size_t floats;
+    } const parts[] = {{&b->modes, (b->K + 1) * vector},
+                       {&b->sd, vector},
+                       {&b->mean, vector},
+                       {&b->spread.work[0], vector},
+                       {&b->spread.work[1], vector},
+                       {&b->spread.inverse, b->voxels}};
+    size_t at = 0;
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
+        if (base != NULL)
+            *parts[i].to = base + at;
+        at += (parts[i].floats + 15) / 16 * 16;
+    }
+    b->spread.place = base != NULL ? (int32_t *)(base + at) : NULL;
+    return (at + b->voxels) * sizeof *base;
+}
+
+pvx_err rec_bars_new(const rec_sysmat *S, int nch, uint32_t K, rec_bars **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    if (K < REC_BARS_LEAST || K > REC_BARS_MOST)
+        return pvx_fail(d, PVX_EINVAL, "error bars of %u solves, want %d to %d", K, REC_BARS_LEAST,
+                        REC_BARS_MOST);
+    rec_bars *b = *out = pvx_calloc(1, sizeof *b);
+    if (b == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "error bars: out of memory");
+    b->K = K;
+    b->cs = nch == 3 ? 4 : 1;
+    b->voxels = rec_grid_count(&S->grid);
+    b->bytes = bars_lay_out(b, NULL);
+    b->areas = pvx_reserve(b->bytes);
+    pvx_err e = b->areas != NULL ? rec_perturb_new(S, nch, &b->perturb) : PVX_ENOMEM;
+    if (e != PVX_OK) {
+        rec_bars_free(out);
+        return pvx_fail(d, e, "error bars: work areas for %zu voxels: %s", rec_grid_count(&S->grid),
+                        pvx_strerror(e));
+    }
+    bars_lay_out(b, b->areas);
+    return PVX_OK;
+}
+
+void rec_bars_free(rec_bars **b)
+{
+    if (*b == NULL)
+        return;
+    pvx_unreserve((*b)->areas, (*b)->bytes);
+    rec_perturb_free(&(*b)->perturb);
+    PVX_FREE(*b);
+}
+
+/* ---- the solves ---------------------------------------------------------------------------------*/
+
+static float *bars_mode(const rec_bars *b, uint32_t k)
+{
+    return b->modes + k * b->vector;
+}
+
+/* One more solve, with b->p, into the next mode. */
+static float *bars_solve(rec_bars *b)
+{
+    float *x = bars_mode(b, b->out->n_modes++);
+    b->out->iterations += rec_perturb_solve(b->perturb, &b->p, x);
+    b->out->solves++;
+    return x;
+}
+
+/* Factor by which a deviation from n of them is longer, since so few say little about their size. */
+static double bars_student(uint32_t n)
+{
+    return sqrt(1 + 2 / fmax((double)n - 2, 2));
+}
+
+/* The next solve is the frame's own, with nothing moved. */
+static void bars_still(rec_bars *b)
+{
+    uint32_t done = b->f->report.solve.iterations;
+    b->p = (struct rec_perturbation){.seed = b->p.seed};
+    b->p.iterations = done > LEAST ? done : LEAST;
+}
+
+/* J: the cameras in `left` groups. */
+static void bars_leave(rec_bars *b, uint32_t cameras, uint32_t left)
+{
+    const rec_frame *f = b->f;
+    uint32_t first = b->out->n_modes, least = VIEWS / cameras;
+    bool out[REC_MAX_CAMERAS] = {false};
+    memset(b->mean, 0, b->vector * sizeof *b->mean);
+    bars_still(b);
+    b->p.out = out;
+    b->p.iterations = b->p.iterations > least ? b->p.iterations : least;
+    for (uint32_t g = 0; g < left; g++) {
+        for (size_t c = 0, k = 0; c < f->S->n_cameras; c++)
+            out[c] = f->sub->present[c] && k++ % left == g;
+        const float *x = bars_solve(b);
+        for (size_t i = 0; i < b->vector; i++)
+            b->mean[i] += x[i];
+    }
+    double gaps = fmax(1, (GAP - cameras) / (cameras - 1.0)), share = 1 - 1.0 / left;
+    float by = (float)(sqrt(share * gaps) * bars_student(left - 1)), each = 1 / (float)left;
+    for (uint32_t k = first; k < b->out->n_modes; k++) {
+        float *d = bars_mode(b, k);
+        for (size_t i = 0; i < b->vector; i++)
+            d[i] = by * (d[i] - each * b->mean[i]);
+    }
+}
+
+/* d = by (x_k - x) for the mode that was solved last. */
+static void bars_about(rec_bars *b, float *d, double by)
+{
+    for (size_t i = 0; i < b->vector; i++)
+        d[i] = (float)by * (d[i] - b->f->x[i]);
+}
+
+/* D; alone: without J. */
+static void bars_draw(rec_bars *b, uint32_t drawn, bool alone)
+{
+    bars_still(b);
+    for (int l = 0; l < b->f->nch; l++)
+        b->p.sigma[l] = sqrt(b->fit[l].noise2);
+    b->p.prior = alone ? 1 : PRIOR;
+    for (b->p.draw = 0; b->p.draw < drawn; b->p.draw++)
+        bars_about(b, bars_solve(b), (alone ? 1 : DRAWN) * bars_student(drawn) / sqrt(drawn));
+}
+
+/* H. */
+static void bars_hue(rec_bars *b)
+{
+    const float *x = b->f->x;
+    float *d = bars_mode(b, b->out->n_modes), by[4] = {0};
+    size_t best = 0, cs = b->cs;
+    if (b->f->nch != 3)
+        return;
+    b->out->n_modes++;
+    for (size_t l = 1; l < 3; l++)
+        best = b->fit[l].g > b->fit[best].g ? l : best;
+    for (size_t l = 0; l < 3; l++)
+        by[l] = (float)(HUE * sqrt(fmax(0, 1 - b->fit[l].g / b->fit[best].g)));
+    rec_spread_mean(&b->spread, x, d);
+    rec_spread_mean(&b->spread, d, b->mean);
+    for (size_t i = 0; i < b->vector; i += cs)
+        for (size_t l = 0; l < cs; l++) {
+            float usual = b->mean[i + best];
+            float other = usual > 0 ? x[i + best] / usual * b->mean[i + l] : 0;
+            d[i + l] = by[l] > 0 ? by[l] * (other - x[i + l]) : 0;
+        }
+}
+
+/* ---- all of it ----------------------------------------------------------------------------------*/
+
+static uint32_t bars_doubt(const rec_bars *b, uint32_t cameras)
+{
+    uint32_t doubt = cameras < REC_BARS_CAMERAS ? REC_BARS_FEW_CAMERAS : 0;
+    for (int l = 0; l < b->f->nch; l++)
+        if (b->fit[l].dark2 > 0 && b->fit[l].noise2 > POOR * b->fit[l].dark2)
+            doubt |= REC_BARS_POOR_FIT;
+    return doubt;
+}
+
+pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars_view *out)
+{
+    uint32_t cameras = 0;
+    *out = (struct rec_bars_view){.nch = f->nch, .cs = f->cs, .n = f->sub->n, .index = f->col};
+    if (!rec_solver_is_default(f->solver->p.solver))
+        return PVX_EUNSUP;
+    if (!rec_perturb_begin(b->perturb, f->solver->problem, f->x, b->fit))
+        return PVX_OK;
+    b->f = f;
+    b->out = out;
+    b->vector = (size_t)f->sub->n * b->cs;
+    b->p.seed = seed;
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        cameras += f->sub->present[c];
+    bool few = cameras < REC_BARS_CAMERAS;
+    uint32_t left = few ? 0 : b->K / 2;
+    left = left < cameras ? left : cameras;
+    rec_spread_begin(&b->spread, f->sub);
+    if (left > 0)
+        bars_leave(b, cameras, left);
+    bars_draw(b, b->K - left, few);
+    rec_perturb_end(b->perturb);
+    bars_hue(b);
+    rec_spread_deviations(&b->spread, b->modes, out->n_modes, b->sd);
+    rec_spread_end(&b->spread);
+    out->sd = b->sd;
+    out->modes = b->modes;
+    out->doubt = bars_doubt(b, cameras);
+    return PVX_OK;
+}

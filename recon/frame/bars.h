@@ -1,0 +1,78 @@
+/* bars.h - error bars of a volume: one standard deviation per voxel and channel, and of any sum of voxels.
+ *
+ * The solve is repeated K times, each time with something else that could have been otherwise (perturb.h).  What the
+ * results differ by are modes d_k: deviations that the truth may have from the volume x.  With them
+ *     covariance of x = sum_k d_k d_k' + diag(t^2),   sd_q^2 = sum_k d_kq^2 + t_q^2                    (1)
+ *     var(w'x) = sum_k (w'd_k)^2 + sum_q w_q^2 t_q^2     any sum over a region                         (2)
+ * t^2 is sd^2 - sum d^2.  Three kinds of modes, N cameras believed:
+ *     J  cameras are left out in G <= K/2 groups.  x_g is the volume without group g, m the mean of the x_g,
+ *            d = j (x_g - m),   j^2 = (G - 1)/G max(1, (GAP - N)/(N - 1))                              (3)
+ *        The first factor is that of the jackknife.  The second: between few cameras there are wide gaps, about which
+ *        each camera tells something new.  These modes hold what belongs to one camera (pose, gain, lens, time) and,
+ *        since what a new view changes is what the views before could not see, the detail that no view shows.
+ *     D  draws of noise and prior (perturb.h), of sigma^2 = r'Wr / (m - g), the evidence's noise: what the volume
+ *        misses in the pictures, so the model's error too.  n draws x_k:
+ *            d = DRAWN (x_k - x) / sqrt n                                                              (4)
+ *        About x, not about their mean: what noise adds to a volume that cannot be negative is an error too.
+ *     H  hue, without a solve: a dim channel has lost detail that the best known channel r still has.  With <> the mean
+ *        over the neighbourhood and g the degrees of freedom (lambda.c),
+ *            d_c = HUE (1 - g_c/g_r)^(1/2) (x_r <x_c> / <x_r> - x_c)                                       (5)
+ *        J counts noise once more, and the gaps by which the prior is wrong: hence DRAWN and only a share of the prior.
+ * Few modes give each voxel's variance with a large error of its own.  So it is mixed with the mean over 3x3x3 voxels;
+ * modes shrink where it falls, t^2 is the rest where it rises (spread.h).  Modes of J and D are longer by the factor by
+ * which Student's distribution is wider than the normal one.
+ * The iterations of a repeated solve are about those of the solve, since also an iterate that stops early is more
+ * certain than a minimiser.
+ * Every factor was chosen on some flames and judged on others: NUMERICS.md, 21, which also says what is not in it.
+ * Source: the jackknife is Tukey's (Miller, Biometrika 61:1, 1974); perturb.h for the draws; the arrangement is our own.
+ * Cost: NUMERICS.md, 21.
+ * Memory: K + 4 vectors over voxels in reserved address space.
+ * Threads: as rec_frame_solve; same bits for any number.  Allocates nothing after ..._new.  No bit of the volume
+ * changes. */
+#ifndef REC_FRAME_BARS_H
+#define REC_FRAME_BARS_H
+#include "recon/frame/frame.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define REC_BARS_LEAST   4
+#define REC_BARS_MOST    64
+#define REC_BARS_USUAL   16
+#define REC_BARS_CAMERAS 4 /* with fewer, none is left out */
+
+/* Why bars may be too small. */
+enum {
+    REC_BARS_POOR_FIT =
+        1, /* the volume misses the pictures by more than noise and fine detail explain */
+    REC_BARS_FEW_CAMERAS = 2 /* fewer than REC_BARS_CAMERAS are believed */
+};
+
+typedef struct rec_bars rec_bars;
+
+/* For frames of S with nch channels, K solves.  Errors: PVX_EINVAL (K), PVX_ENOMEM.  Owner: caller. */
+PVX_MUST_CHECK pvx_err rec_bars_new(const rec_sysmat *S, int nch, uint32_t K, rec_bars **out,
+                                    struct pvx_diag *d);
+void rec_bars_free(rec_bars **b);
+
+/* On the frame's active voxels, in the units of the volume; borrowed until the next call. */
+struct rec_bars_view {
+    int nch, cs;
+    int32_t n;
+    const int32_t *index; /* [n] as in rec_sparse */
+    const float *sd; /* [n][cs] one standard deviation; NULL: no bars, since nothing was solved */
+    uint32_t n_modes;
+    const float *modes; /* [n_modes][n][cs] */
+    uint32_t doubt;     /* REC_BARS_* */
+    uint32_t solves, iterations;
+};
+/* Error bars of the frame that f's solver has solved last, by the default solver; seed: a number of the set, the same
+ * bars for the same number.  The frame must not have been carved or reset since.  Errors: PVX_EUNSUP, another solver. */
+PVX_MUST_CHECK pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed,
+                                      struct rec_bars_view *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
