@@ -22,6 +22,7 @@ static const struct {
     {"noise", "read noise and gain, from several levels of light", calibrate_noise},
     {"gain", "cameras beside each other, by a source or a flame", calibrate_gain},
     {"colour", "every camera's colours made those of one", calibrate_colour},
+    {"spectral", "kelvin and soot by a source of known temperature", calibrate_spectral},
     {"background", "what cameras see without a flame, from pictures or live", calibrate_background},
 };
 

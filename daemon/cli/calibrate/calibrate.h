@@ -17,4 +17,5 @@ int calibrate_noise(int argc, char **argv);
 int calibrate_refine(int argc, char **argv);
 int calibrate_response(int argc, char **argv);
 int calibrate_solve(int argc, char **argv);
+int calibrate_spectral(int argc, char **argv);
 #endif
