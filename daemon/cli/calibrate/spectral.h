@@ -23,7 +23,7 @@ PVX_MUST_CHECK pvx_err calibrate_spectral_pictures(const struct calibrate_light 
                                                    const struct calibrate_spectral_args *a,
                                                    struct rec_known *out, size_t *n,
                                                    double *exposure, struct pvx_diag *d);
-/* The emission of a recording of volumes at the thermocouple, mean over its sets.  Errors: the reader's; PVX_EINVAL: one
+/* The emission of a recording of volumes at the thermocouple, mean over its sets with light there.  Errors: the reader's; PVX_EINVAL: one
  * channel, the point is outside or dark, its noise is not known. */
 PVX_MUST_CHECK pvx_err calibrate_spectral_point(const struct calibrate_spectral_args *a,
                                                 struct rec_known *out, struct pvx_diag *d);

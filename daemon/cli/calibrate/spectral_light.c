@@ -5,6 +5,8 @@
 #include "daemon/cli/calibrate/spectral.h"
 #include "daemon/volumes/volumes.h"
 
+enum { LEAST_SETS = 4 };
+
 /* ---- pictures ----------------------------------------------------------------------------------- */
 
 struct region {
@@ -151,9 +153,28 @@ static pvx_err voxel_at(const struct pvp_grid *g, const double x[3], uint32_t *b
     return PVX_OK;
 }
 
-/* Sums over the sets of emission and of its square. */
-static pvx_err point_sums(vol_reader *r, const struct calibrate_spectral_args *a, double sum[3],
-                          double sum2[3], struct pvx_diag *d)
+/* Sums over the sets with light there: of the channels' shares of it, their squares, and of the light.  A flame flickers, and
+ * its shares do not. */
+struct point_sums {
+    double share[3], square[3], light, n;
+};
+
+static void point_add(struct point_sums *s, const float e[3])
+{
+    double all = (double)e[0] + (double)e[1] + (double)e[2];
+    if (!(all > 0))
+        return;
+    for (int q = 0; q < 3; q++) {
+        double share = (double)e[q] / all;
+        s->share[q] += share;
+        s->square[q] += share * share;
+    }
+    s->light += all;
+    s->n++;
+}
+
+static pvx_err point_read(vol_reader *r, const struct calibrate_spectral_args *a,
+                          struct point_sums *s, struct pvx_diag *d)
 {
     uint32_t brick = 0;
     size_t cell = 0;
@@ -162,37 +183,34 @@ static pvx_err point_sums(vol_reader *r, const struct calibrate_spectral_args *a
         struct vol_volume v;
         PVX_TRY(vol_reader_get(r, k, &v, d));
         for (uint32_t b = 0; b < v.n_bricks; b++)
-            for (int q = 0; q < 3 && v.ids[b] == brick; q++) {
-                size_t at = ((size_t)b * PVP_BRICK * PVP_BRICK * PVP_BRICK + cell) * 3 + (size_t)q;
-                sum[q] += (double)v.brick[at];
-                sum2[q] += (double)v.brick[at] * (double)v.brick[at];
-            }
+            if (v.ids[b] == brick)
+                point_add(s, v.brick + ((size_t)b * PVP_BRICK * PVP_BRICK * PVP_BRICK + cell) * 3);
     }
-    return PVX_OK;
+    return s->n >= LEAST_SETS
+               ? PVX_OK
+               : pvx_fail(d, PVX_EINVAL,
+                          "%s: %.0f volumes have light at the thermocouple: its noise is from the "
+                          "scatter of %d or more",
+                          a->volume, s->n, LEAST_SETS);
 }
 
 pvx_err calibrate_spectral_point(const struct calibrate_spectral_args *a, struct rec_known *out,
                                  struct pvx_diag *d)
 {
-    double sum[3] = {0}, sum2[3] = {0};
+    struct point_sums s = {.n = 0};
     vol_reader *r;
     PVX_TRY(vol_reader_open(a->volume, &r, d));
-    double n = (double)vol_reader_count(r);
     pvx_err e = PVX_OK;
     if (vol_reader_head(r)->start.grid.channels != 3)
         e = pvx_fail(d, PVX_EINVAL, "%s: has one channel: a temperature needs three", a->volume);
-    else if (n < 4)
-        e = pvx_fail(
-            d, PVX_EINVAL,
-            "%s: has %.0f volumes: the noise at the thermocouple is from the scatter of 4 or "
-            "more",
-            a->volume, n);
-    PVX_THEN(e, point_sums(r, a, sum, sum2, d));
+    PVX_THEN(e, point_read(r, a, &s, d));
     vol_reader_close(&r);
+    PVX_TRY(e);
     out->kelvin = a->point_kelvin;
     for (int q = 0; q < 3; q++) {
-        out->value[q] = sum[q] / n;
-        out->sd[q] = sqrt(fmax(0, sum2[q] / n - out->value[q] * out->value[q]) / (n - 1));
+        double share = s.share[q] / s.n, var = fmax(0, s.square[q] / s.n - share * share);
+        out->value[q] = share * s.light / s.n;
+        out->sd[q] = sqrt(var / (s.n - 1)) * s.light / s.n;
     }
-    return e;
+    return PVX_OK;
 }

@@ -1,0 +1,35 @@
+/* voxels.h - the bricks of a volume with three channels to temperature and soot, or to ratios of the channels.
+ *
+ * The covariance of a voxel's emission is
+ *     N_pq = sum_k d_kp d_kq for p != q,  N_pp = sd_p^2                                            (1)
+ * by the recording's error bars and modes d_k (volumes.h; without modes N_pq = 0), or without bars
+ *     N_pq = (noise max e)^2 for p = q, else 0                                                     (2)
+ * with max e the largest emission of the volume, whatever its channel.
+ * Threads: the bricks are shared among the pool's; the result does not depend on their number. */
+#ifndef CLI_TEMPERATURE_VOXELS_H
+#define CLI_TEMPERATURE_VOXELS_H
+#include "base/pool.h"
+#include "daemon/volumes/thermal.h"
+#include "recon/spectral/soot.h"
+
+enum { TEMPERATURE_FIELDS = 6, TEMPERATURE_RATIOS = 4 };
+extern const struct vol_thermal_field temperature_fields[TEMPERATURE_FIELDS];
+extern const struct vol_thermal_field temperature_ratios[TEMPERATURE_RATIOS];
+
+struct temperature_voxels {
+    const rec_soot *soot; /* NULL: ratios alone */
+    double noise;         /* of (2); NAN: bars are needed */
+    pvx_pool *pool;
+    float *field[TEMPERATURE_FIELDS]; /* [bricks][8^3] of the volume done last */
+    uint32_t room;
+    struct temperature_sums {
+        uint64_t state[REC_N_SOOT_STATES]; /* voxels with light */
+        double soot, soot_kelvin;          /* sums over soot, of f (or 1) and of f T */
+        double hottest, coldest;           /* K */
+    } sums;                                /* over all volumes */
+};
+/* One volume.  PVX_EINVAL: it has no bars, and noise is not known; PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err temperature_do(struct temperature_voxels *t, const struct vol_volume *v,
+                                      struct pvx_diag *d);
+void temperature_fini(struct temperature_voxels *t);
+#endif
