@@ -49,6 +49,11 @@ world() {
     order 'exposure all 1' 'flat all 0' 'empty all off'
     "$pyrovox" reconstruct --rig "$world/rig.yaml" --frames "$world/take" --black 0.02 --out "$world/vol" --quiet || return 1
     wait $recorder && cp "$world/flame.h5" "$world/recording.h5"
+    (echo nm,red,green,blue; for i in 0 1 2 3 4 5 6; do
+        echo "$((400 + 50 * i)),$(cut -d' ' -f$((i + 1)) <<< '.01 .02 .1 .2 .9 .7 .1'),$(cut -d' ' -f$((i + 1)) <<< '.02 .1 .9 1 .3 .1 .02'),$(cut -d' ' -f$((i + 1)) <<< '.9 1 .3 .1 .02 .01 0')"
+    done) > "$world/camera.csv"
+    cp "$world/half.h5" "$world/lamp.h5"
+    "$pyrovox" calibrate spectral --rig "$world/rig.yaml" --response "$world/camera.csv" --frames "$world/lamp.h5" --kelvin 2350 --out "$world/spectral.yaml" > "$dir/spectral.log" 2>&1
 }
 check world world
 set +u; . "$b/env"; set -u

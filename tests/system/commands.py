@@ -172,7 +172,7 @@ def paste(command, here, how):
 rows = [[part.strip() for part in line.split(" | ")] for line in TABLE.strip().splitlines()]
 used, bad = set(), {}  # bad: of each source, what went wrong
 for source, command in commands():
-    here = world.parent / re.sub("calibrate (dark|flat|noise|gain|colour)", "light", source)
+    here = world.parent / re.sub("calibrate (dark|flat|noise|gain|colour|spectral)", "light", source)
     if not here.exists():
         shutil.copytree(world, here)
         subprocess.run(FIRST.get(source, "true"), shell=True, cwd=here, check=True)
