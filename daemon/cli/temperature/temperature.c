@@ -60,8 +60,8 @@ static const struct argp argp = {
     .doc =
         "Temperature and soot volume fraction of each voxel, from the three channels of a "
         "recording of volumes.\vExamples:\n"
-        "  pyrovox temperature flame.h5 --rig spectral.yaml --out kelvin.h5\n"
-        "  pyrovox temperature flame.h5 --rig spectral.yaml --noise 0.01 --out kelvin.h5\n"
+        "  pyrovox temperature flame.h5 --rig spectral.yaml --noise 0.01 \\\n"
+        "          --out kelvin.h5\n"
         "\n"
         "The file has /temperature in kelvin and /soot in ppm, each with one standard deviation "
         "(_sd), /chi2 and /state: 0 too little light, 1 soot, 2 not soot, 3 outside 800 to 3200 "
