@@ -1,6 +1,8 @@
 /* advise.h - the measurements that `pyrovox advise` makes on a recording, and the limits of its verdicts. */
 #ifndef ADVISE_H
 #define ADVISE_H
+#include <stdio.h>
+
 #include "daemon/cli/common/flame_sets.h"
 #include "recon/check/absorption.h"
 #include "recon/check/gains.h"
@@ -93,6 +95,11 @@ struct advice {
 #define ADVISE_LEANS      0.01 /* share of the squared error that is not noise; in 3 pictures of 4 */
 #define ADVISE_GAIN       0.05 /* deviation from the median */
 #define ADVISE_GAIN_BUYS  0.06 /* share of left-out pictures' squared error that is not noise */
+
+/* All that follows, in order.  Errors: PVX_EINVAL: fewer than four cameras; theirs. */
+PVX_MUST_CHECK pvx_err advise_all(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* A line for each term, then a pyrovoxd.yaml to paste. */
+void advise_print(FILE *f, const struct flame_sets *s, const struct advice *a);
 
 /* Black levels are subtracted, bodies masked and gains put into s->rig as they are found, so that each term is judged
  * with the others already corrected.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */

@@ -184,7 +184,9 @@ pvx_err course_csv(const struct course *c, const char *path, struct pvx_diag *d)
 
 /* ---- plots ---- */
 
-pvx_err course_svg(FILE *f, const struct course *c, enum course_figure k)
+/* One figure over time. */
+static pvx_err course_draw(FILE *f, const struct course *c, enum course_figure k,
+                           void (*draw)(FILE *f, const struct plot *p))
 {
     double *v = pvx_calloc(3 * c->n + 1, sizeof *v);
     char y[80];
@@ -205,17 +207,21 @@ pvx_err course_svg(FILE *f, const struct course *c, enum course_figure k)
                                   .y = v + c->n,
                                   .spread = bars ? v + 2 * c->n : NULL,
                                   .points = c->n == 1};
-    plot_svg(
-        f,
-        &(struct plot){
-            .x = c->timed ? "time, s" : "set", .y = y, .fine_x = c->timed, .series = &s, .n = 1});
+    draw(f,
+         &(struct plot){
+             .x = c->timed ? "time, s" : "set", .y = y, .fine_x = c->timed, .series = &s, .n = 1});
     free(v);
     return PVX_OK;
 }
 
+pvx_err course_svg(FILE *f, const struct course *c, enum course_figure k)
+{
+    return course_draw(f, c, k, plot_svg);
+}
+
 pvx_err course_plot(const struct course *c, const char *path, struct pvx_diag *d)
 {
-    enum { WIDE = 780, HIGH = 380 };
+    const double wide = PLOT_WIDTH + 20, high = PLOT_HEIGHT;
     char *text = NULL;
     size_t len;
     pvx_err e = PVX_OK;
@@ -223,14 +229,14 @@ pvx_err course_plot(const struct course *c, const char *path, struct pvx_diag *d
     if (f == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
     fprintf(f,
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %d %d\" width=\"%d\" "
-            "height=\"%d\" font-family=\"sans-serif\"><rect width=\"100%%\" height=\"100%%\" "
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" "
+            "height=\"%.0f\" font-family=\"sans-serif\"><rect width=\"100%%\" height=\"100%%\" "
             "fill=\"#fff\"/>\n",
-            WIDE, HIGH * COURSE_FIGURES, WIDE, HIGH * COURSE_FIGURES);
+            wide, high * COURSE_FIGURES, wide, high * COURSE_FIGURES);
     for (int k = 0; k < COURSE_FIGURES && e == PVX_OK; k++) {
-        fprintf(f, "<svg y=\"%d\" width=\"%d\" height=\"%d\">", k * HIGH, WIDE, HIGH);
-        e = course_svg(f, c, (enum course_figure)k);
-        fputs("</svg>\n", f);
+        fprintf(f, "<g transform=\"translate(0 %.0f)\">", k * high);
+        e = course_draw(f, c, (enum course_figure)k, plot_inside);
+        fputs("</g>\n", f);
     }
     fputs("</svg>\n", f);
     if (fclose(f) != 0)

@@ -11,8 +11,6 @@ double report_round(double v)
     return ten * (lead >= 5 ? 5 : lead >= 2 ? 2 : 1);
 }
 
-#define WIDTH  720.0
-#define HEIGHT 380.0
 #define LEFT   64.0
 #define RIGHT  150.0 /* room for the names of the series */
 #define TOP    14.0
@@ -32,12 +30,12 @@ static double plot_along(const struct frame *t, double x)
 {
     double share =
         t->p->log_x ? log(x / t->x0) / log(t->x1 / t->x0) : (x - t->x0) / (t->x1 - t->x0);
-    return LEFT + share * (WIDTH - LEFT - RIGHT);
+    return LEFT + share * (PLOT_WIDTH - LEFT - RIGHT);
 }
 
 static double plot_up(const struct frame *t, double y)
 {
-    return HEIGHT - BOTTOM - (y - t->y0) / (t->y1 - t->y0) * (HEIGHT - TOP - BOTTOM);
+    return PLOT_HEIGHT - BOTTOM - (y - t->y0) / (t->y1 - t->y0) * (PLOT_HEIGHT - TOP - BOTTOM);
 }
 
 static bool plot_drawn(const struct plot_series *s, size_t i)
@@ -85,13 +83,13 @@ static void plot_tick(FILE *f, const struct frame *t, bool is_x, double v)
     char s[32];
     snprintf(s, sizeof s, "%.6g", fabs(v) < 1e-9 ? 0 : v); /* no -0 */
     if (is_x) {
-        plot_text(f, plot_along(t, v), HEIGHT - BOTTOM + 18, "middle", s);
+        plot_text(f, plot_along(t, v), PLOT_HEIGHT - BOTTOM + 18, "middle", s);
         return;
     }
     fprintf(f,
             "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"" INK
             "\" stroke-opacity=\".3\"/>",
-            LEFT, WIDTH - RIGHT, plot_up(t, v), plot_up(t, v));
+            LEFT, PLOT_WIDTH - RIGHT, plot_up(t, v), plot_up(t, v));
     plot_text(f, LEFT - 7, plot_up(t, v) + 4, "end", s);
 }
 
@@ -110,8 +108,9 @@ static void axes(FILE *f, const struct frame *t)
         for (int k = 1; k <= 5; k += k == 2 ? 3 : 1)
             if (k * ten >= t->x0 && k * ten <= t->x1)
                 plot_tick(f, t, true, k * ten);
-    plot_text(f, (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 12, "middle", t->p->x);
-    fprintf(f, "<g transform=\"translate(14 %.1f) rotate(-90)\">", (HEIGHT - BOTTOM + TOP) / 2);
+    plot_text(f, (LEFT + PLOT_WIDTH - RIGHT) / 2, PLOT_HEIGHT - 12, "middle", t->p->x);
+    fprintf(f, "<g transform=\"translate(14 %.1f) rotate(-90)\">",
+            (PLOT_HEIGHT - BOTTOM + TOP) / 2);
     plot_text(f, 0, 0, "middle", t->p->y);
     fputs("</g>", f);
 }
@@ -170,15 +169,20 @@ static void plot_point(FILE *f, struct frame *t, const struct plot_series *s, si
         plot_beside(f, t, x + 6, y + 4, s->label[i]);
 }
 
-void plot_svg(FILE *f, const struct plot *p)
+/* The width that the plot needs: more where a name is long. */
+static double plot_width(const struct plot *p)
+{
+    double width = PLOT_WIDTH;
+    for (size_t k = 0; k < p->n; k++)
+        width =
+            fmax(width, PLOT_WIDTH - RIGHT + 40 + LETTER * (double)strlen(p->series[k].name) + 4);
+    return width;
+}
+
+void plot_inside(FILE *f, const struct plot *p)
 {
     struct frame t = {.p = p};
     find_frame(&t);
-    double width = WIDTH; /* more where a name needs it */
-    for (size_t k = 0; k < p->n; k++)
-        width = fmax(width, WIDTH - RIGHT + 40 + LETTER * (double)strlen(p->series[k].name) + 4);
-    fprintf(f, "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">",
-            width, HEIGHT);
     axes(f, &t);
     for (size_t k = 0; k < p->n; k++) {
         const struct plot_series *s = &p->series[k];
@@ -194,9 +198,16 @@ void plot_svg(FILE *f, const struct plot *p)
         fprintf(f,
                 "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
                 "stroke-width=\"3\"%s/>",
-                WIDTH - RIGHT + 12, WIDTH - RIGHT + 34, y - 4, y - 4, s->colour,
+                PLOT_WIDTH - RIGHT + 12, PLOT_WIDTH - RIGHT + 34, y - 4, y - 4, s->colour,
                 s->dashed ? " stroke-dasharray=\"5 4\"" : "");
-        plot_text(f, WIDTH - RIGHT + 40, y, "start", s->name);
+        plot_text(f, PLOT_WIDTH - RIGHT + 40, y, "start", s->name);
     }
+}
+
+void plot_svg(FILE *f, const struct plot *p)
+{
+    fprintf(f, "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">",
+            plot_width(p), PLOT_HEIGHT);
+    plot_inside(f, p);
     fputs("</svg>", f);
 }

@@ -24,7 +24,11 @@ struct plot {
 };
 /* A round number (1, 2, 5 times a power of ten) that is not above v > 0. */
 double report_round(double v);
+#define PLOT_WIDTH  720.0
+#define PLOT_HEIGHT 380.0
 /* Write the plot as an svg element.  y begins at 0, or below the lowest point if there are only points. */
 void plot_svg(FILE *f, const struct plot *p);
+/* The same without the element around it, for a drawing of several: PLOT_WIDTH or more by PLOT_HEIGHT from 0, 0 on. */
+void plot_inside(FILE *f, const struct plot *p);
 
 #endif
