@@ -8,11 +8,12 @@
 #include "daemon/cli/common/cli.h"
 
 static const struct cli_command *const commands[] = {
-    &cmd_demo,      &cmd_matrix, &cmd_reconstruct, &cmd_render,      &cmd_simcams,
-    &cmd_status,    &cmd_top,    &cmd_record,      &cmd_replay,      &cmd_cameras,
-    &cmd_calibrate, &cmd_doctor, &cmd_cpu,         &cmd_keygen,      &cmd_ctl,
-    &cmd_convert,   &cmd_play,   &cmd_repair,      &cmd_advise,      &cmd_experiment,
-    &cmd_view,      &cmd_share,  &cmd_value,       &cmd_temperature, NULL,
+    &cmd_demo,      &cmd_matrix, &cmd_reconstruct, &cmd_render, &cmd_simcams,
+    &cmd_status,    &cmd_top,    &cmd_record,      &cmd_replay, &cmd_cameras,
+    &cmd_calibrate, &cmd_doctor, &cmd_cpu,         &cmd_keygen, &cmd_ctl,
+    &cmd_convert,   &cmd_play,   &cmd_repair,      &cmd_advise, &cmd_experiment,
+    &cmd_view,      &cmd_share,  &cmd_value,       &cmd_report, &cmd_temperature,
+    NULL,
 };
 
 static void pyrovox_help(FILE *f)

@@ -1,6 +1,6 @@
 #!/bin/bash
-# value: Figures of a recording and their error bars, as a lab reads them: text, table and plot; bars that are known are the
-# right ones; what has none, and what cannot be measured, with its sentence.
+# value and report: Figures of a recording as a lab reads them: text, table, plot, and the page of `pyrovox report`; what cannot be
+# measured or belongs to another recording, with its sentence.
 name=110
 . "$(dirname "$0")/lib.sh"
 cd "$dir" || exit 1
@@ -63,6 +63,53 @@ refused() {
     head -c 3000 flame.h5 > cut.h5
     run "$pyrovox" value cut.h5; says 1 'cut.h5'
 }
+# The page has what the recording and its pictures say; a well-formed page, and nothing is written over.
+page() {
+    "$pyrovox" simcams --cameras 5 --size 96x72 --ring 8 --voxels 24 --write-rig rig.yaml --write-frames take > /dev/null 2>&1
+    "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out solved.h5 --quiet 2> /dev/null || return 1
+    run "$pyrovox" report solved.h5 --rig rig.yaml --frames take --black 0.02 --sets 5 --quiet --out page; says 0 || return 1
+    "$py" - << 'END' || return 1
+import csv, struct, xml.dom.minidom
+page = xml.dom.minidom.parse("page/report.html")
+text = open("page/report.html").read()
+assert [h.firstChild.data for h in page.getElementsByTagName("h2")] == [
+    "Setup", "Cameras and calibration", "Rates and losses", "One volume", "Course", "Left-out views", "Advice",
+    "Versions and options", "rig.yaml, as it was in effect"], text
+assert len(page.getElementsByTagName("img")) == 3 and len(page.getElementsByTagName("svg")) == 4
+rows = list(csv.DictReader(open("page/sets.csv")))
+assert len(rows) == 8 and "8, numbers 0 to 7" in text and "24 x 24 x 24" in text
+brightest = max(rows, key=lambda r: float(r["light_m2"]))["set"]
+assert f"Set {brightest}, three slices" in text
+views = [r for t in page.getElementsByTagName("table") if "noise alone" in t.toxml() for r in t.getElementsByTagName("tr")[1:]]
+errors = [float(r.getElementsByTagName("td")[1].firstChild.data) for r in views]
+assert len(errors) == 5 and all(0 < e < 60 for e in errors), errors
+for a in "xyz":
+    png = open(f"page/slice-{a}.png", "rb").read()
+    w, h = struct.unpack(">II", png[16:24])
+    assert (w, h) == (360, 360), (w, h)
+END
+    ! command -v weasyprint > /dev/null || [ "$(head -c 5 page/report.pdf)" = %PDF- ] || return 1
+    sha256sum page/* > before
+    run "$pyrovox" report solved.h5 --rig rig.yaml --out page; says 1 'page/report.html is there already' && sha256sum --quiet -c before || return 1
+    run "$pyrovox" report solved.h5 --rig rig.yaml --out plain --set 3 --quiet; says 0 && grep -q 'Set 3, three' plain/report.html && grep -q 'give --frames' plain/report.html
+}
+# Another rig, another recording, and one that made no depth.
+page_refused() {
+    sed -E '0,/K: \[/s/K: \[/K: [1/' rig.yaml > other.yaml
+    run "$pyrovox" report solved.h5 --rig other.yaml --out no; says 1 'was made with another rig than other.yaml' || return 1
+    run "$pyrovox" report solved.h5 --rig rig.yaml --cameras cam0,cam1 --out no; says 1 'another rig' || return 1
+    mkdir late
+    for c in 0 1 2 3 4; do
+        mkdir late/cam$c
+        for i in 0 1 2; do cp take/cam$c/00000$i.png late/cam$c/00090$i.png; done
+    done
+    run "$pyrovox" report solved.h5 --rig rig.yaml --frames late --black 0.02 --out no2 --quiet; says 1 'late: none of its sets is in solved.h5' || return 1
+    run "$pyrovox" report solved.h5 --rig rig.yaml --out no2 --set 99 --quiet; says 1 '--set 99: solved.h5 has no volume of it' || return 1
+    run "$pyrovox" report rig.yaml --rig rig.yaml --out no; says 1 'rig.yaml' || return 1
+    run "$pyrovox" report solved.h5 --rig rig.yaml; says 2 'needs a recording and --out' && [ ! -e no ] && [ ! -e no2/report.html ]
+}
 check figures_are_numpy_s figures
 check plots_and_tables plots
 check refused_by_name refused
+check the_page page
+check the_page_is_refused page_refused

@@ -47,5 +47,5 @@ int cli_columns(int max);
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,
     cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_doctor, cmd_cpu, cmd_replay, cmd_calibrate,
     cmd_keygen, cmd_convert, cmd_play, cmd_ctl, cmd_repair, cmd_advise, cmd_experiment, cmd_view,
-    cmd_share, cmd_value, cmd_temperature;
+    cmd_share, cmd_value, cmd_report, cmd_temperature;
 #endif

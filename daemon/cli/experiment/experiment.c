@@ -6,6 +6,7 @@
 
 #include "base/mem.h"
 #include "daemon/cli/experiment/report.h"
+#include "daemon/cli/report/pdf.h"
 
 /* Choose at most frames_max of the complete frame sets, evenly spread. */
 static pvx_err choose_sets(struct experiment *x, struct pvx_diag *d)
@@ -173,7 +174,7 @@ static int experiment_run(int argc, char **argv)
     PVX_THEN(e, experiment_measure(&x, &d));
     PVX_THEN(e, experiment_csv(&x, &d));
     PVX_THEN(e, experiment_report(&x, &d));
-    PVX_THEN(e, experiment_pdf(&x));
+    PVX_THEN(e, report_pdf(o.out));
     if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop))
         rc = stopped(&x);
     else if (e != PVX_OK)

@@ -1,20 +1,14 @@
 #include "daemon/cli/experiment/report.h"
 
-#include <errno.h>
 #include <math.h>
-#include <signal.h>
 #include <stdlib.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "base/file.h"
 #include "base/mem.h"
-#include "base/spawn.h"
 #include "daemon/cli/report/html.h"
 #include "daemon/cli/report/plot.h"
 
-#define PICTURE_MAX ((size_t)1 << 28)
-#define CHANNELS    3
+#define CHANNELS 3
 static const char *const colours[2][CHANNELS] = {{"#c0272d", "#1d7a46", "#1f6fb2"},
                                                  {"#5b6670", "", ""}};
 static const char *const names[2][CHANNELS] = {{"red", "green", "blue"}, {"grey", "", ""}};
@@ -49,15 +43,7 @@ static void section(const struct page *p, int k, const char *title)
 static pvx_err picture(const struct page *p, const char *name, const char *caption,
                        struct pvx_diag *d)
 {
-    char path[4300], *bytes;
-    size_t len;
-    snprintf(path, sizeof path, "%s/%s", p->x->o->out, name);
-    PVX_TRY(pvx_file_read(path, PICTURE_MAX, &bytes, &len, d));
-    fputs("<figure><img style=\"max-width:100%\" alt=\"\" src=\"data:image/png;base64,", p->f);
-    html_base64(p->f, (const uint8_t *)bytes, len);
-    free(bytes);
-    fprintf(p->f, "\"/><figcaption>%s</figcaption></figure>\n", caption);
-    return PVX_OK;
+    return html_picture(p->f, p->x->o->out, name, caption, d);
 }
 
 static void figure_of(const struct page *p, const struct plot *plot, const char *caption)
@@ -254,15 +240,8 @@ static void by_size(const struct page *p)
 static void experiment_head(const struct page *p)
 {
     const struct experiment *x = p->x;
-    fprintf(p->f,
-            "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\"><head>"
-            "<meta charset=\"utf-8\"/><meta name=\"viewport\" "
-            "content=\"width=device-width,initial-scale=1\"/><title>Experiment</title><style>\n%s"
-            "figure{max-width:60rem;margin:.8rem "
-            "0}img{display:block;margin:auto}td:last-child{white-space:nowrap}\n@page{size:A4;"
-            "margin:1.6cm}</style></head>\n"
-            "<body>\n<h1>The paper's experiments on <code>",
-            report_style);
+    html_begin(p->f, "Experiment", "td:last-child{white-space:nowrap}");
+    fputs("<h1>The paper's experiments on <code>", p->f);
     html_text(p->f, x->o->frames);
     fputs("</code></h1>\n<p>", p->f);
     fprintf(p->f,
@@ -368,46 +347,4 @@ pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d)
     PVX_THEN(e, pvx_file_write(path, text, len, d));
     free(text);
     return e;
-}
-
-/* ---- PDF ---- */
-
-/* Run weasyprint.  Returns its exit code, or -1 - errno. */
-static int weasyprint(const char *html, const char *pdf)
-{
-    const char *const argv[] = {"weasyprint", "--quiet", html, pdf, NULL};
-    pid_t pid;
-    int status;
-    int err = pvx_spawn(argv, STDIN_FILENO, STDERR_FILENO, &pid);
-    if (err != 0)
-        return -1 - err;
-    while (waitpid(pid, &status, 0) < 0) {
-        if (errno != EINTR)
-            return 1;
-        if (cli_stop) /* a terminal's Ctrl-C does not reach it */
-            kill(pid, SIGTERM);
-    }
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 1;
-}
-
-pvx_err experiment_pdf(const struct experiment *x)
-{
-    char html[4300], pdf[4300], part[4300];
-    snprintf(html, sizeof html, "%s/report.html", x->o->out);
-    snprintf(pdf, sizeof pdf, "%s/report.pdf", x->o->out);
-    snprintf(part, sizeof part, "%s/report.pdf.tmp", x->o->out);
-    int rc = weasyprint(html, part);
-    if (rc == 0 && rename(part, pdf) == 0)
-        return PVX_OK;
-    unlink(part);
-    if (cli_stop)
-        return PVX_ECANCELED;
-    unlink(pdf); /* an older PDF would show other figures */
-    fprintf(stderr,
-            rc < 0
-                ? "pyrovox: no report.pdf: weasyprint is not installed; `apt install weasyprint` "
-                  "and run the same command again, or print %s from a browser\n"
-                : "pyrovox: no report.pdf: weasyprint could not make it; print %s from a browser\n",
-            html);
-    return PVX_OK;
 }

@@ -1,4 +1,4 @@
-/* report.h - write DIR/report.html, one page that needs no other file, and DIR/report.pdf from it. */
+/* report.h - write DIR/report.html, one page that needs no other file. */
 #ifndef EXPERIMENT_REPORT_H
 #define EXPERIMENT_REPORT_H
 #include "daemon/cli/experiment/experiment.h"
@@ -28,8 +28,5 @@ double experiment_over_channels(const struct experiment *x, const double *v);
 
 /* Write report.html.  Errors: the files'. */
 PVX_MUST_CHECK pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d);
-/* Make report.pdf with weasyprint.  If it is missing or fails, that is printed on stderr and there is no PDF.
- * PVX_ECANCELED: stopped. */
-PVX_MUST_CHECK pvx_err experiment_pdf(const struct experiment *x);
 
 #endif

@@ -1,9 +1,27 @@
 #include "daemon/cli/report/html.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "daemon/control/json.h"
+
+#define PICTURE_MAX ((size_t)1 << 28)
+
+void html_begin(FILE *f, const char *title, const char *more)
+{
+    fputs("<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\"><head>"
+          "<meta charset=\"utf-8\"/><meta name=\"viewport\" "
+          "content=\"width=device-width,initial-scale=1\"/><title>",
+          f);
+    html_text(f, title);
+    fprintf(f,
+            "</title><style>\n%sfigure{max-width:60rem;margin:.8rem 0}"
+            "img{display:block;margin:auto}%s\n@page{size:A4;margin:1.6cm}</style></head>\n"
+            "<body>\n",
+            report_style, more);
+}
 
 void html_text(FILE *f, const char *s)
 {
@@ -53,4 +71,18 @@ void html_base64(FILE *f, const uint8_t *v, size_t n)
         fputc(i + 1 < n ? digit[w >> 6 & 63] : '=', f);
         fputc(i + 2 < n ? digit[w & 63] : '=', f);
     }
+}
+
+pvx_err html_picture(FILE *f, const char *dir, const char *name, const char *caption,
+                     struct pvx_diag *d)
+{
+    char path[4300], *bytes;
+    size_t len;
+    snprintf(path, sizeof path, "%s/%s", dir, name);
+    PVX_TRY(pvx_file_read(path, PICTURE_MAX, &bytes, &len, d));
+    fputs("<figure><img style=\"max-width:100%\" alt=\"\" src=\"data:image/png;base64,", f);
+    html_base64(f, (const uint8_t *)bytes, len);
+    free(bytes);
+    fprintf(f, "\"/><figcaption>%s</figcaption></figure>\n", caption);
+    return PVX_OK;
 }

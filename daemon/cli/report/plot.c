@@ -11,7 +11,7 @@ double report_round(double v)
     return ten * (lead >= 5 ? 5 : lead >= 2 ? 2 : 1);
 }
 
-#define LEFT   64.0
+#define LEFT   72.0
 #define RIGHT  150.0 /* room for the names of the series */
 #define TOP    14.0
 #define BOTTOM 52.0

@@ -1,0 +1,151 @@
+/* report.c - `pyrovox report`: a recording of volumes on one page that can be attached to a paper. */
+#include "daemon/cli/advise/report.h"
+
+#include <argp.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/report/pdf.h"
+
+static const char doc[] =
+    "Describe a recording of volumes on one page, to read and to attach to a paper.\v"
+    "Examples:\n"
+    "  pyrovox report flame.h5 --rig rig.yaml --out page\n"
+    "  pyrovox report flame.h5 --rig rig.yaml --frames take.h5 --out page\n"
+    "\n"
+    "DIR/report.html, and report.pdf if weasyprint is installed: setup, calibration, rates and "
+    "losses, "
+    "one volume in three slices, height, volume and light over time, all with their error bars if "
+    "the "
+    "recording has them, versions and every option. With --frames the pictures add left-out views, "
+    "and "
+    "what `pyrovox advise` finds. DIR/sets.csv has the figures of each set.\n"
+    "\n"
+    "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.";
+
+enum { KEY_OUT = 256, KEY_SET, KEY_FORCE };
+static const struct argp_option options[] = {
+    {"out", KEY_OUT, "DIR", 0, "write the page there", 0},
+    {"set", KEY_SET, "N", 0, "show this set in slices (default: the one with the most light)", 0},
+    {"force", KEY_FORCE, NULL, 0, "write over a report that is there", 0},
+    {0}};
+
+static error_t report_parse(int key, char *arg, struct argp_state *st)
+{
+    struct report *r = st->input;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = &r->a; return 0;
+    case KEY_OUT: r->out = arg; return 0;
+    case KEY_SET: cli_arg_int(st, "set", arg, 0, INT64_MAX, &r->set); return 0;
+    case KEY_FORCE: r->force = true; return 0;
+    case ARGP_KEY_ARG: cli_arg_one(st, "one recording of volumes", arg, &r->in); return 0;
+    case ARGP_KEY_END:
+        if (r->in == NULL || r->out == NULL)
+            argp_error(st, "needs a recording and --out: pyrovox report flame.h5 --rig rig.yaml "
+                           "--out page");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+/* The rig must be the one that the volumes were made with; its grid may be another. */
+static pvx_err report_rig(struct report *r, struct pvx_diag *d)
+{
+    const struct pvp_start *s = &r->head->start;
+    PVX_TRY(rec_rig_load(r->a.rig, &r->rig, d));
+    struct rec_grid *g = &r->rig.grid;
+    for (int a = 0; a < 3; a++) {
+        g->n[a] = (int32_t)s->grid.n[a];
+        g->min[a] = s->grid.min[a];
+        g->max[a] = s->grid.max[a];
+    }
+    g->basis = s->grid.basis == 1 ? REC_TRILINEAR : REC_BOX;
+    if (r->a.cameras != NULL)
+        PVX_TRY(rec_rig_select(&r->rig, r->a.cameras, d));
+    if (rec_rig_hash(&r->rig) != s->rig_hash)
+        return pvx_fail(d, PVX_ESTALE,
+                        "%s: was made with another rig than %s: a camera, its pose or its lens "
+                        "differs; give the rig.yaml that made it, and --cameras if it used some",
+                        r->in, r->a.rig);
+    if (r->rig.n_cameras < 2)
+        return pvx_fail(d, PVX_EINVAL, "%s: one camera made it, so it has no depth to report",
+                        r->in);
+    return PVX_OK;
+}
+
+static pvx_err report_choose(struct report *r, struct pvx_diag *d)
+{
+    const struct course *c = &r->course;
+    for (size_t i = 0; i < c->n; i++) {
+        if (r->set >= 0 && c->row[i].v.set == (uint64_t)r->set) {
+            r->shown = i;
+            return PVX_OK;
+        }
+        if (r->set < 0 && c->row[i].m.light.v > c->row[r->shown].m.light.v)
+            r->shown = i;
+    }
+    return r->set < 0 ? PVX_OK
+                      : pvx_fail(d, PVX_ENOENT, "--set %lld: %s has no volume of it",
+                                 (long long)r->set, r->in);
+}
+
+/* Nothing is written over, and the folder is made. */
+static pvx_err report_place(const struct report *r, struct pvx_diag *d)
+{
+    char path[4300];
+    PVX_TRY(pvx_mkdirs(r->out, d));
+    snprintf(path, sizeof path, "%s/report.html", r->out);
+    if (!r->force && access(path, F_OK) == 0)
+        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", path);
+    return PVX_OK;
+}
+
+static pvx_err report_make(struct report *r, struct pvx_diag *d)
+{
+    const struct course_how how = {
+        .measure = {.channel = -1, .level = (double)NAN}, .to = INT64_MAX, .quiet = r->a.quiet};
+    char path[4300];
+    PVX_TRY(vol_reader_open(r->in, &r->volumes, d));
+    r->head = vol_reader_head(r->volumes);
+    if (vol_reader_count(r->volumes) == 0)
+        return pvx_fail(d, PVX_ENOENT, "%s: no volume in it", r->in);
+    PVX_TRY(report_rig(r, d));
+    PVX_TRY(report_place(r, d));
+    PVX_TRY(course_read(r->volumes, r->in, &how, &r->course, d));
+    PVX_TRY(report_choose(r, d));
+    PVX_TRY(report_views(r, d));
+    PVX_TRY(report_slices(r, d));
+    snprintf(path, sizeof path, "%s/sets.csv", r->out);
+    PVX_TRY(course_csv(&r->course, path, d));
+    PVX_TRY(report_page(r, d));
+    return report_pdf(r->out);
+}
+
+static int report_run(int argc, char **argv)
+{
+    const struct argp_child children[] = {{flame_sets_argp(), 0, NULL, 1}, {0}};
+    const struct argp argp = {.options = options,
+                              .parser = report_parse,
+                              .args_doc = "FILE",
+                              .doc = doc,
+                              .children = children};
+    struct report r = {.a = FLAME_SETS_INIT, .set = -1, .argc = argc, .argv = argv};
+    struct pvx_diag d = {""};
+    r.a.sets = 20;
+    argp_parse(&argp, argc, argv, 0, NULL, &r);
+    cli_catch_stop();
+    pvx_err e = report_make(&r, &d);
+    if (e == PVX_OK && !r.a.quiet)
+        fprintf(stderr, "%zu sets: %s/report.html\n", r.course.n, r.out);
+    course_free(&r.course);
+    vol_reader_close(&r.volumes);
+    rec_rig_fini(&r.rig);
+    free(r.advice);
+    return cli_end(&d, e, false);
+}
+
+const struct cli_command cmd_report = {"report", "a recording of volumes on one page", report_run};
