@@ -72,6 +72,30 @@ static uint64_t measure_count(const struct measure_grid *m, const struct vol_reg
     return n;
 }
 
+bool vol_region_in(const struct pvp_grid *g, const struct vol_region *r, const uint32_t at[3])
+{
+    const struct measure_grid m = measure_region(g, r);
+    return measure_in(&m, r, at);
+}
+
+uint64_t vol_region_count(const struct pvp_grid *g, const struct vol_region *r)
+{
+    const struct measure_grid m = measure_region(g, r);
+    return measure_count(&m, r);
+}
+
+pvx_err vol_region_empty(const struct pvp_grid *g, struct pvx_diag *d)
+{
+    double mm[3];
+    for (int a = 0; a < 3; a++)
+        mm[a] = 1000 * (g->max[a] - g->min[a]) / g->n[a];
+    return pvx_fail(d, PVX_EINVAL,
+                    "no voxel has its centre in the region: the volume goes from %g %g %g to %g %g "
+                    "%g m, a voxel has %.3g x %.3g x %.3g mm",
+                    g->min[0], g->min[1], g->min[2], g->max[0], g->max[1], g->max[2], mm[0], mm[1],
+                    mm[2]);
+}
+
 /* ---- sums ---- */
 
 /* Sums over the region, of x or of a mode. */
@@ -220,11 +244,7 @@ pvx_err vol_measure(const struct vol_volume *v, const struct vol_measure_how *ho
                                  .modes = modes > 0,
                                  .doubt = b->doubt};
     if (out->voxels == 0)
-        return pvx_fail(d, PVX_EINVAL,
-                        "no voxel has its centre in the region: the volume goes from %g %g %g to "
-                        "%g %g %g m, a voxel has %.3g x %.3g x %.3g mm",
-                        g->min[0], g->min[1], g->min[2], g->max[0], g->max[1], g->max[2],
-                        1000 * s.m.h[0], 1000 * s.m.h[1], 1000 * s.m.h[2]);
+        return vol_region_empty(g, d);
     double *layers = calloc((size_t)(modes + 1) * g->n[2], sizeof *layers);
     s.mode = calloc(modes > 0 ? modes : 1, sizeof *s.mode);
     if (layers == NULL || s.mode == NULL) {

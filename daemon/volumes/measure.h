@@ -46,6 +46,12 @@ struct vol_measured {
 PVX_MUST_CHECK pvx_err vol_measure(const struct vol_volume *v, const struct vol_measure_how *how,
                                    struct vol_measured *out, struct pvx_diag *d);
 
+/* Whether the centre of voxel `at` is in the region, and the number of such voxels of the grid. */
+bool vol_region_in(const struct pvp_grid *g, const struct vol_region *r, const uint32_t at[3]);
+uint64_t vol_region_count(const struct pvp_grid *g, const struct vol_region *r);
+/* The sentence for a region without a voxel.  PVX_EINVAL. */
+pvx_err vol_region_empty(const struct pvp_grid *g, struct pvx_diag *d);
+
 /* "12.34 +- 0.81": two digits of the bar, and as many decimals of the value; four digits without a bar.  Very small
  * and very large numbers as "(1.23 +- 0.02)e-05". */
 #define VOL_FIGURE_TEXT 64

@@ -23,13 +23,15 @@ static const char doc[] =
     "the "
     "recording has them, versions and every option. With --frames the pictures add left-out views, "
     "and "
-    "what `pyrovox advise` finds. DIR/sets.csv has the figures of each set.\n"
+    "what `pyrovox advise` finds, and with --temperature those of soot. DIR/sets.csv has the "
+    "figures of each set.\n"
     "\n"
     "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.";
 
-enum { KEY_OUT = 256, KEY_SET, KEY_FORCE };
+enum { KEY_OUT = 256, KEY_SET, KEY_TEMPERATURE, KEY_FORCE };
 static const struct argp_option options[] = {
     {"out", KEY_OUT, "DIR", 0, "write the page there", 0},
+    {"temperature", KEY_TEMPERATURE, "T.h5", 0, "add the temperatures of `pyrovox temperature`", 0},
     {"set", KEY_SET, "N", 0, "show this set in slices (default: the one with the most light)", 0},
     {"force", KEY_FORCE, NULL, 0, "write over a report that is there", 0},
     {0}};
@@ -41,6 +43,7 @@ static error_t report_parse(int key, char *arg, struct argp_state *st)
     case ARGP_KEY_INIT: st->child_inputs[0] = &r->a; return 0;
     case KEY_OUT: r->out = arg; return 0;
     case KEY_SET: cli_arg_int(st, "set", arg, 0, INT64_MAX, &r->set); return 0;
+    case KEY_TEMPERATURE: r->temperature = arg; return 0;
     case KEY_FORCE: r->force = true; return 0;
     case ARGP_KEY_ARG: cli_arg_one(st, "one recording of volumes", arg, &r->in); return 0;
     case ARGP_KEY_END:
@@ -85,7 +88,8 @@ static pvx_err report_choose(struct report *r, struct pvx_diag *d)
             r->shown = i;
             return PVX_OK;
         }
-        if (r->set < 0 && c->row[i].m.light.v > c->row[r->shown].m.light.v)
+        if (r->set < 0 &&
+            c->row[i].figure[COURSE_LIGHT].v > c->row[r->shown].figure[COURSE_LIGHT].v)
             r->shown = i;
     }
     return r->set < 0 ? PVX_OK
@@ -104,6 +108,29 @@ static pvx_err report_place(const struct report *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* The temperatures must be of the same sets. */
+static pvx_err report_heat(struct report *r, struct pvx_diag *d)
+{
+    const struct course_how how = {
+        .measure = {.channel = -1}, .to = INT64_MAX, .quiet = r->a.quiet};
+    vol_thermal_reader *t;
+    if (r->temperature == NULL)
+        return PVX_OK;
+    PVX_TRY(vol_thermal_read(r->temperature, &t, d));
+    pvx_err e = course_read_thermal(t, r->temperature, &how, &r->heat, d);
+    vol_thermal_read_close(&t);
+    for (size_t i = 0; i < r->heat.n && e == PVX_OK; i++)
+        for (size_t k = 0; k < r->course.n; k++)
+            if (r->heat.row[i].v.set == r->course.row[k].v.set &&
+                r->heat.row[i].v.t_exposure_ns == r->course.row[k].v.t_exposure_ns)
+                return PVX_OK;
+    return e != PVX_OK ? e
+                       : pvx_fail(d, PVX_ESTALE,
+                                  "%s: none of its sets is in %s: it is of another "
+                                  "recording",
+                                  r->temperature, r->in);
+}
+
 static pvx_err report_make(struct report *r, struct pvx_diag *d)
 {
     const struct course_how how = {
@@ -117,6 +144,7 @@ static pvx_err report_make(struct report *r, struct pvx_diag *d)
     PVX_TRY(report_place(r, d));
     PVX_TRY(course_read(r->volumes, r->in, &how, &r->course, d));
     PVX_TRY(report_choose(r, d));
+    PVX_TRY(report_heat(r, d));
     PVX_TRY(report_views(r, d));
     PVX_TRY(report_slices(r, d));
     snprintf(path, sizeof path, "%s/sets.csv", r->out);
@@ -142,6 +170,7 @@ static int report_run(int argc, char **argv)
     if (e == PVX_OK && !r.a.quiet)
         fprintf(stderr, "%zu sets: %s/report.html\n", r.course.n, r.out);
     course_free(&r.course);
+    course_free(&r.heat);
     vol_reader_close(&r.volumes);
     rec_rig_fini(&r.rig);
     free(r.advice);

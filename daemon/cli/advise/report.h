@@ -11,7 +11,7 @@ struct report_view {
     double error, noise; /* of the picture, relative; what noise alone makes */
 };
 struct report {
-    const char *in, *out;
+    const char *in, *out, *temperature;
     struct flame_sets_args a; /* a.rig; a.frames NULL: no pictures */
     int64_t set;              /* shown in slices, -1: the one with the most light */
     bool force;
@@ -21,10 +21,10 @@ struct report {
     vol_reader *volumes;
     const struct vol_head *head;
     struct rec_rig rig;
-    struct course course;
-    size_t shown;    /* row of the course */
-    double white[2]; /* of the slices: emission and bars, 1/m; 0: there are no bars */
-    double at[3];    /* where the slices meet, m */
+    struct course course, heat; /* heat: no rows without `temperature` */
+    size_t shown;               /* row of the course */
+    double white[2];            /* of the slices: emission and bars, 1/m; 0: there are no bars */
+    double at[3];               /* where the slices meet, m */
     struct report_view view[REC_MAX_CAMERAS];
     size_t view_sets; /* 0: no views */
     char *advice;     /* what advise says, or NULL; owner: this */

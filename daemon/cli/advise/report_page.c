@@ -280,6 +280,18 @@ static void page_bars(FILE *f, const struct course *c)
         }
 }
 
+static pvx_err page_plots(FILE *f, const struct course *c, int first)
+{
+    for (int k = first; k < c->figures; k++) {
+        fputs("<figure>", f);
+        PVX_TRY(course_svg(f, c, k));
+        fputs("<figcaption>", f);
+        html_text(f, c->column[k].says);
+        fputs("</figcaption></figure>\n", f);
+    }
+    return PVX_OK;
+}
+
 static pvx_err page_course(FILE *f, const struct report *r)
 {
     const struct course *c = &r->course;
@@ -288,15 +300,18 @@ static pvx_err page_course(FILE *f, const struct report *r)
             "above %.4g 1/m. Numbers: sets.csv.</p>\n",
             c->how.measure.level);
     page_bars(f, c);
-    for (int k = COURSE_LIGHT; k < COURSE_FIGURES;
-         k++) { /* the mean is the light, in another unit */
-        fputs("<figure>", f);
-        PVX_TRY(course_svg(f, c, (enum course_figure)k));
-        fputs("<figcaption>", f);
-        html_text(f, course_columns[k].says);
-        fputs("</figcaption></figure>\n", f);
-    }
-    return PVX_OK;
+    /* the mean is the light, in another unit */
+    return page_plots(f, c, COURSE_LIGHT);
+}
+
+static pvx_err page_heat(FILE *f, const struct report *r)
+{
+    if (r->heat.n == 0)
+        return PVX_OK;
+    fputs("<h2>Temperature</h2>\n<p>Of the soot, from ", f);
+    html_text(f, r->temperature);
+    fprintf(f, ", %zu sets. Means are over the voxels that have a temperature.</p>\n", r->heat.n);
+    return page_plots(f, &r->heat, 0);
 }
 
 /* ---- what the pictures say ---- */
@@ -382,6 +397,7 @@ static pvx_err page_body(FILE *f, const struct report *r, struct pvx_diag *d)
     PVX_TRY(page_rates(f, r));
     PVX_TRY(page_slices(f, r, d));
     PVX_TRY(page_course(f, r));
+    PVX_TRY(page_heat(f, r));
     page_views(f, r);
     if (r->advice != NULL)
         page_pre(f, "Advice", r->advice);

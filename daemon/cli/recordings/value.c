@@ -54,6 +54,8 @@ static const char doc[] =
     "A recording has bars if `pyrovox reconstruct --error-bars` made it. Without them the figures "
     "stand alone.\n"
     "\n"
+    "FILE may also be what `pyrovox temperature` wrote: mean and hottest kelvin, and soot.\n"
+    "\n"
     "FILE is an HDF5 file, or a folder of .npy, .vdb or .nvdb files. Exit: 0 done, 1 failed, 2 "
     "wrong "
     "usage, 130 stopped by Ctrl-C.";
@@ -153,20 +155,45 @@ static void value_say_bars(const struct value *v, const struct course *c)
                                                   : "for a reason that this version does not know");
 }
 
-static pvx_err value_of(struct value *v, struct pvx_diag *d)
+static pvx_err value_volumes(const struct value *v, struct course *c, struct pvx_diag *d)
 {
     vol_reader *r;
-    struct course c = {.n = 0};
-    PVX_TRY(value_free_place(v, v->csv, d));
-    PVX_TRY(value_free_place(v, v->plot, d));
     PVX_TRY(vol_reader_open(v->in, &r, d));
     if (vol_reader_cut(r))
         fprintf(stderr, "pyrovox: %s was cut off, or is being written: %llu volumes are whole\n",
                 v->in, (unsigned long long)vol_reader_count(r));
-    pvx_err e = course_read(r, v->in, &v->how, &c, d);
+    pvx_err e = course_read(r, v->in, &v->how, c, d);
+    vol_reader_close(&r);
+    return e;
+}
+
+static pvx_err value_temperatures(const struct value *v, struct course *c, struct pvx_diag *d)
+{
+    vol_thermal_reader *r;
+    if (v->how.measure.channel >= 0 || !isnan(v->how.measure.level))
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: has temperatures: --channel and --above are for volumes", v->in);
+    PVX_TRY(vol_thermal_read(v->in, &r, d));
+    pvx_err e = course_read_thermal(r, v->in, &v->how, c, d);
+    vol_thermal_read_close(&r);
+    return e;
+}
+
+static pvx_err value_of(struct value *v, struct pvx_diag *d)
+{
+    struct course c = {.n = 0};
+    bool thermal = vol_is_thermal(v->in);
+    PVX_TRY(value_free_place(v, v->csv, d));
+    PVX_TRY(value_free_place(v, v->plot, d));
+    pvx_err e = thermal ? value_temperatures(v, &c, d) : value_volumes(v, &c, d);
     if (e == PVX_OK) {
         course_print(stdout, &c);
         fflush(stdout);
+    }
+    if (e == PVX_OK && thermal)
+        fprintf(stderr, "pyrovox: the bar is that of the hottest voxel; means and volumes of "
+                        "temperatures have none\n");
+    if (e == PVX_OK && !thermal) {
         fprintf(stderr, "pyrovox: volume is that above %.4g 1/m\n", c.how.measure.level);
         value_say_bars(v, &c);
     }
@@ -175,7 +202,6 @@ static pvx_err value_of(struct value *v, struct pvx_diag *d)
     if (v->plot != NULL)
         PVX_THEN(e, course_plot(&c, v->plot, d));
     course_free(&c);
-    vol_reader_close(&r);
     return e;
 }
 

@@ -11,21 +11,18 @@
 
 #define LEVEL 0.1 /* of the brightest voxel */
 
-const struct course_column course_columns[COURSE_FIGURES] = {
-    {"mean", "1/m", "mean emission"},
-    {"light", "m2", "light: emission times volume"},
-    {"height", "m", "height: 98 % of the light lies below"},
-    {"volume", "m3", "volume above the level"},
-    {"most", "1/m", "brightest voxel"}};
-
-struct vol_figure course_figure_of(const struct vol_measured *m, enum course_figure k)
-{
-    return k == COURSE_MEAN     ? m->mean
-           : k == COURSE_LIGHT  ? m->light
-           : k == COURSE_HEIGHT ? m->height
-           : k == COURSE_VOLUME ? m->volume
-                                : m->most;
-}
+static const struct course_column volumes[COURSE_MOST] = {
+    {"mean", "1/m", "per_m", "mean emission"},
+    {"light", "m2", "m2", "light: emission times volume"},
+    {"height", "m", "m", "height: 98 % of the light lies below"},
+    {"volume", "m3", "m3", "volume above the level"},
+    {"most", "1/m", "per_m", "brightest voxel"}};
+static const struct course_column temperatures[COURSE_MOST] = {
+    {"mean", "K", "K", "mean temperature, where there is one"},
+    {"hottest", "K", "K", "hottest voxel"},
+    {"soot", "ppm", "ppm", "mean volume fraction of soot, where there is a temperature"},
+    {"soot_volume", "mm3", "mm3", "volume of all soot"},
+    {"volume", "m3", "m3", "volume that has a temperature"}};
 
 /* ---- reading ---- */
 
@@ -57,16 +54,37 @@ static pvx_err course_find_level(vol_reader *r, struct course_how *how, struct c
     return PVX_OK;
 }
 
+/* What all recordings have in common. */
+static void course_time(struct course *c, struct course_row *row)
+{
+    row->time = (double)(row->v.t_exposure_ns - c->row[0].v.t_exposure_ns) * 1e-9;
+    c->timed = c->timed || row->v.t_exposure_ns != 0;
+    c->with_bars += row->bars;
+    c->with_modes += row->modes;
+    c->doubted += row->bars && row->doubt != 0;
+    c->doubt |= row->bars ? row->doubt : 0;
+}
+
 static void course_add(struct course *c, const struct pvp_volume *v, const struct vol_measured *m)
 {
     struct course_row *row = &c->row[c->n++];
-    *row = (struct course_row){.v = *v, .m = *m};
-    row->time = (double)(v->t_exposure_ns - c->row[0].v.t_exposure_ns) * 1e-9;
-    c->timed = c->timed || v->t_exposure_ns != 0;
-    c->with_bars += m->bars;
-    c->with_modes += m->modes;
-    c->doubted += m->bars && m->doubt != 0;
-    c->doubt |= m->bars ? m->doubt : 0;
+    *row = (struct course_row){.v = *v, .bars = m->bars, .modes = m->modes, .doubt = m->doubt};
+    row->figure[COURSE_MEAN] = m->mean;
+    row->figure[COURSE_LIGHT] = m->light;
+    row->figure[COURSE_HEIGHT] = m->height;
+    row->figure[COURSE_VOLUME] = m->volume;
+    row->figure[COURSE_BRIGHTEST] = m->most;
+    course_time(c, row);
+}
+
+/* After the last set. */
+static pvx_err course_done(struct course *c, const char *name, uint64_t n, struct pvx_diag *d)
+{
+    for (size_t i = 0; i < c->n && !c->timed; i++)
+        c->row[i].time = NAN;
+    return c->n > 0 ? PVX_OK
+                    : pvx_fail(d, PVX_ENOENT,
+                               "%s: none of its %" PRIu64 " sets is from --from to --to", name, n);
 }
 
 pvx_err course_read(vol_reader *r, const char *name, const struct course_how *how,
@@ -74,7 +92,7 @@ pvx_err course_read(vol_reader *r, const char *name, const struct course_how *ho
 {
     struct cli_progress bar = {.label = "measuring", .quiet = how->quiet};
     uint64_t n = vol_reader_count(r);
-    *out = (struct course){.how = *how};
+    *out = (struct course){.how = *how, .column = volumes, .figures = COURSE_MOST};
     double before = isnan(how->measure.level) ? 0.5 : 0;
     if (before > 0)
         PVX_TRY(course_find_level(r, &out->how, &bar, d));
@@ -91,12 +109,66 @@ pvx_err course_read(vol_reader *r, const char *name, const struct course_how *ho
         if (!cli_progress(&bar, before + (1 - before) * (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
     }
-    for (size_t i = 0; i < out->n && !out->timed; i++)
-        out->row[i].time = NAN;
-    return out->n > 0
-               ? PVX_OK
-               : pvx_fail(d, PVX_ENOENT, "%s: none of its %" PRIu64 " sets is from --from to --to",
-                          name, n);
+    return course_done(out, name, n, d);
+}
+
+/* Sums of a set of temperatures. */
+static void course_heat(const struct vol_thermal_set *t, const struct pvp_grid *g,
+                        const struct vol_region *region, struct course_row *row)
+{
+    double kelvin = 0, soot = 0, V = 1, n = 0;
+    struct vol_figure hot = {NAN, NAN};
+    uint32_t at[3];
+    size_t q = 0, known = 0;
+    for (int a = 0; a < 3; a++)
+        V *= (g->max[a] - g->min[a]) / g->n[a];
+    for (at[2] = 0; at[2] < g->n[2]; at[2]++)
+        for (at[1] = 0; at[1] < g->n[1]; at[1]++)
+            for (at[0] = 0; at[0] < g->n[0]; at[0]++, q++) {
+                double T = (double)t->value[VOL_KELVIN][q], f = (double)t->value[VOL_SOOT][q];
+                if (isnan(T) || !vol_region_in(g, region, at))
+                    continue;
+                n++;
+                kelvin += T;
+                soot += isfinite(f) ? f : 0;
+                known += isfinite(f);
+                if (!(T <= hot.v))
+                    hot = (struct vol_figure){T, (double)t->value[VOL_KELVIN_SD][q]};
+            }
+    bool one = n == 1;
+    row->figure[COURSE_KELVIN] = (struct vol_figure){n > 0 ? kelvin / n : NAN, one ? hot.sd : NAN};
+    row->figure[COURSE_HOTTEST] = hot;
+    row->figure[COURSE_SOOT] = (struct vol_figure){known > 0 ? soot / (double)known : NAN, NAN};
+    row->figure[COURSE_SOOT_VOLUME] = (struct vol_figure){known > 0 ? soot * V * 1e3 : NAN, NAN};
+    row->figure[COURSE_SOOTY] = (struct vol_figure){n * V, NAN};
+}
+
+pvx_err course_read_thermal(vol_thermal_reader *r, const char *name, const struct course_how *how,
+                            struct course *out, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "measuring", .quiet = how->quiet};
+    uint64_t n = vol_thermal_count(r);
+    const struct pvp_grid *g = vol_thermal_grid(r);
+    *out = (struct course){.how = *how, .column = temperatures, .figures = COURSE_MOST};
+    out->how.measure.level = NAN;
+    if (vol_region_count(g, &how->measure.region) == 0)
+        return vol_region_empty(g, d);
+    out->row = pvx_calloc(n + 1, sizeof *out->row);
+    PVX_NEED(out->row);
+    for (uint64_t k = 0; k < n; k++) {
+        struct vol_thermal_set t;
+        PVX_TRY(vol_thermal_get(r, k, &t, d));
+        const struct pvp_volume v = {.set = t.number, .t_exposure_ns = t.t_exposure_ns};
+        if (course_wants(how, &v)) {
+            struct course_row *row = &out->row[out->n++];
+            *row = (struct course_row){.v = v, .bars = true};
+            course_heat(&t, g, &how->measure.region, row);
+            course_time(out, row);
+        }
+        if (!cli_progress(&bar, (double)(k + 1) / (double)n))
+            return PVX_ECANCELED;
+    }
+    return course_done(out, name, n, d);
 }
 
 void course_free(struct course *c)
@@ -119,8 +191,8 @@ void course_print(FILE *f, const struct course *c)
 {
     char text[VOL_FIGURE_TEXT];
     fprintf(f, "%-8s%10s", "set", c->timed ? "time s" : "");
-    for (int k = 0; k < COURSE_FIGURES; k++) {
-        snprintf(text, sizeof text, "%s %s", course_columns[k].name, course_columns[k].unit);
+    for (int k = 0; k < c->figures; k++) {
+        snprintf(text, sizeof text, "%s %s", c->column[k].name, c->column[k].unit);
         course_pad(f, text, 20);
     }
     fputs("\n", f);
@@ -128,10 +200,9 @@ void course_print(FILE *f, const struct course *c)
         const struct course_row *row = &c->row[i];
         snprintf(text, sizeof text, "%.4f", row->time);
         fprintf(f, "%-8" PRIu64 "%10s", row->v.set, c->timed ? text : "");
-        for (int k = 0; k < COURSE_FIGURES; k++)
-            course_pad(f, vol_figure_text(course_figure_of(&row->m, (enum course_figure)k), text),
-                       20);
-        fputs(row->m.bars && row->m.doubt != 0 ? "  bars in doubt\n" : "\n", f);
+        for (int k = 0; k < c->figures; k++)
+            course_pad(f, vol_figure_text(row->figure[k], text), 20);
+        fputs(row->bars && row->doubt != 0 ? "  bars in doubt\n" : "\n", f);
     }
 }
 
@@ -153,23 +224,22 @@ pvx_err course_csv(const struct course *c, const char *path, struct pvx_diag *d)
     if (f == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
     fputs("set,t_exposure_ns,time_s", f);
-    for (int k = 0; k < COURSE_FIGURES; k++)
-        fprintf(f, ",%s_%s,%s_sd", course_columns[k].name,
-                k == COURSE_MEAN || k == COURSE_MOST ? "per_m" : course_columns[k].unit,
-                course_columns[k].name);
+    for (int k = 0; k < c->figures; k++)
+        fprintf(f, ",%s_%s,%s_sd", c->column[k].name, c->column[k].per, c->column[k].name);
     fputs(",level_per_m,doubt\n", f);
     for (size_t i = 0; i < c->n; i++) {
         const struct course_row *row = &c->row[i];
         fprintf(f, "%" PRIu64 ",%" PRId64, row->v.set, row->v.t_exposure_ns);
         course_number(f, row->time);
-        for (int k = 0; k < COURSE_FIGURES; k++) {
-            struct vol_figure v = course_figure_of(&row->m, (enum course_figure)k);
+        for (int k = 0; k < c->figures; k++) {
+            struct vol_figure v = row->figure[k];
             course_number(f, v.v);
             course_number(f, v.sd);
         }
-        fprintf(f, ",%.9g,", c->how.measure.level);
+        course_number(f, c->how.measure.level);
+        fputs(",", f);
         for (unsigned b = 0, first = 1; b < 32; b++)
-            if (row->m.bars && (row->m.doubt >> b & 1) != 0) {
+            if (row->bars && (row->doubt >> b & 1) != 0) {
                 fprintf(f, "%s%s", first ? "" : " ",
                         pvp_doubt_name(b) != NULL ? pvp_doubt_name(b) : "unknown");
                 first = 0;
@@ -185,7 +255,7 @@ pvx_err course_csv(const struct course *c, const char *path, struct pvx_diag *d)
 /* ---- plots ---- */
 
 /* One figure over time. */
-static pvx_err course_draw(FILE *f, const struct course *c, enum course_figure k,
+static pvx_err course_draw(FILE *f, const struct course *c, int k,
                            void (*draw)(FILE *f, const struct plot *p))
 {
     double *v = pvx_calloc(3 * c->n + 1, sizeof *v);
@@ -193,13 +263,13 @@ static pvx_err course_draw(FILE *f, const struct course *c, enum course_figure k
     bool bars = false;
     PVX_NEED(v);
     for (size_t i = 0; i < c->n; i++) {
-        struct vol_figure g = course_figure_of(&c->row[i].m, k);
+        struct vol_figure g = c->row[i].figure[k];
         v[i] = c->timed ? c->row[i].time : (double)c->row[i].v.set;
         v[c->n + i] = g.v;
         v[2 * c->n + i] = isfinite(g.sd) ? g.sd : 0;
         bars = bars || isfinite(g.sd);
     }
-    snprintf(y, sizeof y, "%s, %s", course_columns[k].name, course_columns[k].unit);
+    snprintf(y, sizeof y, "%s, %s", c->column[k].name, c->column[k].unit);
     const struct plot_series s = {.name = bars ? "value, one sigma" : "value",
                                   .colour = "#1f6fb2",
                                   .n = c->n,
@@ -214,7 +284,7 @@ static pvx_err course_draw(FILE *f, const struct course *c, enum course_figure k
     return PVX_OK;
 }
 
-pvx_err course_svg(FILE *f, const struct course *c, enum course_figure k)
+pvx_err course_svg(FILE *f, const struct course *c, int k)
 {
     return course_draw(f, c, k, plot_svg);
 }
@@ -232,10 +302,10 @@ pvx_err course_plot(const struct course *c, const char *path, struct pvx_diag *d
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" "
             "height=\"%.0f\" font-family=\"sans-serif\"><rect width=\"100%%\" height=\"100%%\" "
             "fill=\"#fff\"/>\n",
-            wide, high * COURSE_FIGURES, wide, high * COURSE_FIGURES);
-    for (int k = 0; k < COURSE_FIGURES && e == PVX_OK; k++) {
+            wide, high * c->figures, wide, high * c->figures);
+    for (int k = 0; k < c->figures && e == PVX_OK; k++) {
         fprintf(f, "<g transform=\"translate(0 %.0f)\">", k * high);
-        e = course_draw(f, c, (enum course_figure)k, plot_inside);
+        e = course_draw(f, c, k, plot_inside);
         fputs("</g>\n", f);
     }
     fputs("</svg>\n", f);
