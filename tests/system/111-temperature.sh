@@ -109,6 +109,34 @@ kelvin() {
 }
 check kelvin_and_ppm kelvin
 
+# The figures of pyrovox value are numpy's, and the report shows them.
+figures() {
+    run "$pyrovox" value "$dir/soot.h5" --quiet --csv "$dir/all.csv"; says 0 'hottest K' 'means and volumes of temperatures have none' || return 1
+    run "$pyrovox" value "$dir/soot.h5" --quiet --box=-0.3,-0.3,0.2,0.3,0.3,0.6 --csv "$dir/part.csv" --plot "$dir/part.svg"; says 0 || return 1
+    "$py" - "$dir" <<'PY' || return 1
+import csv, sys, h5py, numpy as np
+d = sys.argv[1]
+t = h5py.File(d + "/soot.h5", "r")
+x, y, z = (t[a][:] for a in "xyz")
+inside = ((z > 0.2) & (z < 0.6))[:, None, None] & ((y > -0.3) & (y < 0.3))[:, None] & ((x > -0.3) & (x < 0.3))
+for name, where in ("all", np.ones_like(inside)), ("part", inside):
+    rows = list(csv.DictReader(open(f"{d}/{name}.csv")))
+    assert len(rows) == len(t["sets/number"]) > 0
+    for i, r in enumerate(rows):
+        T, f, sd = (np.where(where, t[k][i], np.nan) for k in ("temperature", "soot", "temperature_sd"))
+        V, hot = np.prod(t.attrs["spacing"]), np.nanargmax(T)
+        assert np.isfinite(T).sum() > 50
+        for key, right in [("mean_K", np.nanmean(T)), ("hottest_K", T.flat[hot]), ("hottest_sd", sd.flat[hot]), ("soot_ppm", np.nanmean(f)),
+                           ("soot_volume_mm3", np.nansum(f) * V * 1e3), ("volume_m3", np.isfinite(T).sum() * V)]:
+            assert np.isclose(float(r[key]), right, rtol=1e-5), (name, key, r[key], right)
+        assert r["mean_sd"] == ""
+PY
+    run "$pyrovox" value "$dir/soot.h5" --above 3; says 1 '--channel and --above are for volumes' || return 1
+    run "$pyrovox" report "$dir/burning" --rig "$dir/rig.yaml" --temperature "$dir/soot.h5" --quiet --out "$dir/page"; says 0 || return 1
+    grep -q '<h2>Temperature</h2>' "$dir/page/report.html" && [ "$(grep -o '<svg' "$dir/page/report.html" | wc -l)" = 9 ]
+}
+check value_and_report_read_it figures
+
 thermocouple() { # from 1700 K at one place to all others
     run "$pyrovox" calibrate spectral --rig "$dir/rig.yaml" --response "$dir/camera.csv" --thermocouple 0,0,0.521,1700 \
         --volume "$dir/burning" --kelvin-sd 8 --out "$dir/couple.yaml"
@@ -143,7 +171,13 @@ for name, q in ("red", 0), ("blue", 2):
     assert ok.sum() > 200 and (sd[ok] > 0).all() and np.allclose(r[ok], (v[..., q] / np.maximum(v[..., 1], 1e-30))[ok], 1e-5)
 PY
 }
+no_figures() {
+    run "$pyrovox" value "$dir/ratio.h5"; says 1 'has ratios of channels and no temperatures' || return 1
+    head -c 9000 "$dir/soot.h5" > "$dir/cut.h5"
+    run "$pyrovox" value "$dir/cut.h5"; says 1 'cut.h5'
+}
 check ratios_without_a_calibration ratios
+check no_figures_of_ratios_or_half_files no_figures
 
 bad() { # one sentence each; nothing is written
     local s="$pyrovox calibrate spectral --rig $dir/rig.yaml --out $dir/no.yaml" t="$pyrovox temperature $dir/burning --rig $dir/spectral.yaml --quiet"

@@ -55,7 +55,8 @@ static error_t report_parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-/* The rig must be the one that the volumes were made with; its grid may be another. */
+/* The rig must be the one that the volumes were made with; its grid may be another.  Folders of `reconstruct` do not say
+ * which it was. */
 static pvx_err report_rig(struct report *r, struct pvx_diag *d)
 {
     const struct pvp_start *s = &r->head->start;
@@ -69,7 +70,7 @@ static pvx_err report_rig(struct report *r, struct pvx_diag *d)
     g->basis = s->grid.basis == 1 ? REC_TRILINEAR : REC_BOX;
     if (r->a.cameras != NULL)
         PVX_TRY(rec_rig_select(&r->rig, r->a.cameras, d));
-    if (rec_rig_hash(&r->rig) != s->rig_hash)
+    if (s->rig_hash != 0 && rec_rig_hash(&r->rig) != s->rig_hash)
         return pvx_fail(d, PVX_ESTALE,
                         "%s: was made with another rig than %s: a camera, its pose or its lens "
                         "differs; give the rig.yaml that made it, and --cameras if it used some",

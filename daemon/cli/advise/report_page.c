@@ -55,7 +55,7 @@ static void page_setup(FILE *f, const struct report *r)
     page_when(r->course.row[0].v.t_exposure_ns, when);
     fputs("<h2>Setup</h2>\n<div class=\"wide\"><table class=\"small\">\n", f);
     page_row(f, "first exposure", when);
-    page_row(f, "made by", s->software);
+    page_row(f, "made by", s->software[0] != '\0' ? s->software : "not known");
     PAGE_ROW(f, "session", "%016" PRIx64, s->session);
     PAGE_ROW(f, "volume", "%g to %g, %g to %g, %g to %g m (x, y, z)", g->min[0], g->max[0],
              g->min[1], g->max[1], g->min[2], g->max[2]);
@@ -110,6 +110,9 @@ static void page_cameras(FILE *f, const struct report *r)
                 p->has_noise ? "noise" : "");
     }
     fputs("</table></div>\n", f);
+    if (r->head->start.rig_hash == 0)
+        page_said(f,
+                  "The recording does not say which rig made it. This is the one that was given.");
     if (none > 0)
         page_said(f, "A dash: the rig does not say what error its calibration has. `pyrovox "
                      "calibrate solve` writes it.");
@@ -179,10 +182,13 @@ static void page_seen(FILE *f, const struct report *r)
     const struct course *c = &r->course;
     size_t whole = 0, printed = 0;
     char text[600] = "";
-    for (size_t i = 0; i < c->n; i++)
-        whole += c->row[i].v.cameras_present == r->head->start.n_cameras;
+    bool known = false;
+    for (size_t i = 0; i < c->n; i++) {
+        whole += c->row[i].v.cameras_present == r->rig.n_cameras;
+        known = known || c->row[i].v.camera_mask != 0;
+    }
     PAGE_ROW(f, "sets with all cameras", "%zu of %zu", whole, c->n);
-    for (size_t k = 0; k < r->rig.n_cameras && k < 64; k++) {
+    for (size_t k = 0; k < r->rig.n_cameras && known; k++) {
         size_t in = 0;
         for (size_t i = 0; i < c->n; i++)
             in += c->row[i].v.camera_mask >> k & 1;
