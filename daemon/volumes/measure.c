@@ -274,6 +274,10 @@ const char *vol_figure_text(struct vol_figure f, char out[VOL_FIGURE_TEXT])
         snprintf(out, VOL_FIGURE_TEXT, isfinite(f.sd) && f.v != 0 ? "%.4g \u00b1 0" : "%.4g", f.v);
         return out;
     }
+    if (f.sd < 1e-6 * fabs(f.v)) { /* its digits would be those of rounding */
+        snprintf(out, VOL_FIGURE_TEXT, "%.7g \u00b1 %.1g", f.v, f.sd);
+        return out;
+    }
     int ten = (int)floor(log10(size)), last = (int)floor(log10(f.sd)) - 1; /* place of a digit */
     if (ten >= -3 && ten < 5 && last > -8) {
         int decimals = last < 0 ? -last : 0;

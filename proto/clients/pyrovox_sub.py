@@ -137,8 +137,7 @@ def decode_bars(body, memory, start):
     values = m.pop("values")
     if np.any(values < 0):
         raise BadMessage("a deviation below 0")
-    bits, = struct.unpack_from("<I", body, 228)
-    return {**m, "sd": unpack(m["n"], m["channels"], m["ids"], values), "doubt": bits, "doubts": doubts(bits)}
+    return {**m, "sd": unpack(m["n"], m["channels"], m["ids"], values), "doubts": doubts(m["doubt"])}
 
 
 def doubts(bits):
@@ -183,7 +182,7 @@ def decode_bricks(body, memory, start):
         "report": {"status": report[0], "iterations": report[1], "solver": text(report[2]),
                    "rel_residual": report[3], "active_voxels": report[4],
                    "active_rays": report[5], "entries": report[6], **dict(zip(TIMES, report[7:]))},
-        "ids": ids, "values": bricks,
+        "ids": ids, "values": bricks, "doubt": f[35],
     }
 
 

@@ -1,5 +1,8 @@
 /* test_bars.c - error bars in recordings: what was put comes back, in any order of sets with and without them; a reader
- * that wants no modes reads none; damage to them is noticed, as is a file that is cut off. */
+ * that wants no modes reads none; damage to them is noticed, as is a file that is cut off.
+ *
+ * `test_bars --write FILE.h5 SETS CHANNELS MODES` is the system tests' recording of a flame: its modes make it brighter,
+ * wider and higher, and each voxel has a deviation of its own beside. */
 #include "../t.h"
 
 #include <hdf5.h>
@@ -342,4 +345,98 @@ T_CASE(joined_bars)
     H5Dclose(c);
     H5Dclose(s);
     scratch_remove();
+}
+
+/* --- the system tests' recording --- */
+
+/* A column of fire whose light is `bright`, `wide` of its width, `high` of its height. */
+static double fire(const double p[3], double bright, double wide, double high)
+{
+    double r2 = (p[0] * p[0] + p[1] * p[1]) / (0.01 * wide * wide), z = p[2] / (0.45 * high);
+    return z < 1 && r2 < 9 ? bright * 40 * exp(-r2) * z * (1 - z) * 4 : 0;
+}
+
+static void fill(float *value, float *sd, float *mode[3], uint32_t modes, uint32_t channels,
+                 double bright, const struct pvp_grid *g)
+{
+    size_t i = 0;
+    for (uint32_t at = 0; at < g->n[0] * g->n[1] * g->n[2]; at++) {
+        double p[3];
+        const uint32_t n[3] = {at % g->n[0], at / g->n[0] % g->n[1], at / g->n[0] / g->n[1]};
+        for (int a = 0; a < 3; a++)
+            p[a] = g->min[a] + (n[a] + 0.5) * (g->max[a] - g->min[a]) / g->n[a];
+        for (uint32_t c = 0; c < channels; c++, i++) {
+            const double part = 1 - 0.3 * c, v = fire(p, bright * part, 1, 1);
+            const double d[3] = {fire(p, bright * part * 1.05, 1, 1) - v,
+                                 fire(p, bright * part, 1.03, 1) - v,
+                                 fire(p, bright * part, 1, 1.02) - v};
+            double sum = 0.0025 * v * v; /* its own: 5 % */
+            value[i] = (float)v;
+            for (uint32_t k = 0; k < modes; k++) {
+                mode[k][i] = (float)d[k];
+                sum += d[k] * d[k];
+            }
+            sd[i] = (float)sqrt(sum);
+        }
+    }
+}
+
+static int write_flame(const char *path, uint64_t sets, uint32_t channels, uint32_t modes)
+{
+    start = volumes_start(24, 20, 32, channels);
+    start.grid = (struct pvp_grid){
+        .n = {24, 20, 32}, .min = {-0.24, -0.2, 0}, .max = {0.24, 0.2, 0.64}, .channels = channels};
+    const size_t n = pvp_grid_count(&start.grid);
+    float *all = calloc(5 * n, sizeof *all), *mode[3] = {all + 2 * n, all + 3 * n, all + 4 * n};
+    struct vol_head head = {.start = start};
+    struct pvx_diag d = {""};
+    vol_writer *w;
+    struct vol_store x = {0}, s = {0}, all_modes[3] = {{0}};
+    pvx_err e = all == NULL || modes > 3 ? PVX_EINVAL
+                                         : vol_writer_open(VOL_HDF5, path, &head, NULL, &w, &d);
+    for (uint64_t set = 0; set < sets && e == PVX_OK; set++) {
+        fill(all, all + n, mode, modes, channels, 1 + 0.2 * sin(0.7 * (double)set), &start.grid);
+        struct vol_volume v =
+            volumes_empty(&start, set, 1767225600000000000 + (int64_t)set * 50000000);
+        v.sample = PVP_F32;
+        e = vol_from_dense_bars(&x, &s, &start.grid, all, all + n);
+        v.n_bricks = x.n;
+        v.ids = x.ids;
+        v.brick = x.brick;
+        const size_t plane = (size_t)x.n * 512 * channels;
+        float *planes = calloc(3 * plane + 1, sizeof *planes);
+        for (uint32_t k = 0; k < modes && e == PVX_OK; k++) {
+            struct vol_store both = {0};
+            e = vol_from_dense_bars(&both, &all_modes[k], &start.grid, all, mode[k]);
+            if (e == PVX_OK && both.n == x.n)
+                memcpy(planes + k * plane, all_modes[k].brick, plane * sizeof *planes);
+            vol_store_free(&both);
+        }
+        v.bars = (struct vol_bars){.sd = s.brick,
+                                   .n_modes = modes,
+                                   .modes = planes,
+                                   .doubt = set == 1 ? PVP_DOUBT_FEW_CAMERAS : 0};
+        if (set == 2) /* one without bars */
+            v.bars = (struct vol_bars){0};
+        PVX_THEN(e, vol_writer_put(w, &v, &d));
+        free(planes);
+    }
+    PVX_THEN(e, vol_writer_close(&w, &d));
+    if (e != PVX_OK)
+        fprintf(stderr, "%s: %s\n", path, pvx_diag_text(&d, e));
+    for (int k = 0; k < 3; k++)
+        vol_store_free(&all_modes[k]);
+    vol_store_free(&x);
+    vol_store_free(&s);
+    free(all);
+    return e != PVX_OK;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 6 && strcmp(argv[1], "--write") == 0)
+        return write_flame(argv[2], strtoul(argv[3], NULL, 10), (uint32_t)atoi(argv[4]),
+                           (uint32_t)atoi(argv[5]));
+    t_run();
+    return t_done();
 }

@@ -84,6 +84,10 @@ static const struct argp argp = {
            "show the grid density by default, and emission has the colours. Values are halves in "
            "vdb, and floats in npy, hdf5 and nvdb. nvdb is for renderers on a GPU.\n"
            "\n"
+           "Error bars go along, where IN has them: the grid emission_sd has the deviation of "
+           "density (with --split red_sd, green_sd, blue_sd), NAME.sd.npy beside NAME.npy that of "
+           "each value. Only hdf5 keeps what the bar of a sum needs.\n"
+           "\n"
            "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C. The files written by "
            "then are complete.",
 };

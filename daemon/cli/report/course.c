@@ -94,8 +94,10 @@ pvx_err course_read(vol_reader *r, const char *name, const struct course_how *ho
     uint64_t n = vol_reader_count(r);
     *out = (struct course){.how = *how, .column = volumes, .figures = COURSE_MOST};
     double before = isnan(how->measure.level) ? 0.5 : 0;
+    vol_reader_modes(r, false);
     if (before > 0)
         PVX_TRY(course_find_level(r, &out->how, &bar, d));
+    vol_reader_modes(r, true);
     out->row = pvx_calloc(n + 1, sizeof *out->row);
     PVX_NEED(out->row);
     for (uint64_t k = 0; k < n; k++) {

@@ -4,7 +4,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-from typing import Any, Iterator
+from typing import Any, Iterator, Optional
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ ELSEWHERE = ("already open", "locking flag values don't match", "close degree do
 REPORT = ("iterations", "rel_residual", "active_voxels", "active_rays", "entries", "photometry_ns",
           "hull_ns", "restrict_ns", "solve_ns", "total_ns")
 VALUES = ("t_publish_ns", "spread_ns", "latency_ns", "camera_mask", "cameras_present")
+NO_BARS = 0xFFFFFFFF  # of /sets/bars_doubt
 COLUMNS = ("number", "t_exposure_ns", "clamped", "status", "solver", *VALUES, *REPORT)
 
 
@@ -74,6 +75,19 @@ def open_file(path: str, flags: int) -> Any:
         limit.argtypes, limit.restype = [ctypes.c_int64, ctypes.c_uint], ctypes.c_int
         limit(access.id, ATTEMPTS)
     return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
+
+
+class Bars:
+    """Error bars of one set: /emission_sd and, where they are, /emission_modes."""
+
+    def __init__(self, file: "File", at: int, n_modes: int):
+        self.file, self.at, self.n_modes = file, at, n_modes
+
+    def sd(self) -> Floats:
+        return self.file.values("emission_sd", self.at)
+
+    def modes(self) -> Optional[Floats]:
+        return self.file.values("emission_modes", self.at, slice(0, self.n_modes)) if self.n_modes else None
 
 
 class File:
@@ -178,10 +192,36 @@ class File:
             self._first = first
         return {c: column[k - first] for c, column in self._rows.items()}
 
+    def _bars(self, at: int) -> dict[str, Any]:
+        """Of row `at`: nothing where it has no error bars."""
+        if self.file is None:
+            raise ValueError(f"{self.path}: was closed")
+        with reading(self.path):
+            if "emission_sd" not in self.file:
+                return {}
+            bits = int(self.file["sets/bars_doubt"][at])
+            modes = int(self.file["sets/modes"][at]) if "emission_modes" in self.file else 0
+        return {} if bits == NO_BARS else {"bars": Bars(self, at, modes), "doubts": tuple(_page.doubts(bits))}
+
+    def values(self, name: str, at: int, *more: slice) -> Floats:
+        """Of set `at` of a dataset of error bars, which has the shape of /emission behind the dimensions `more`."""
+        if self.file is None:
+            raise ValueError(f"{self.path}: was closed")
+        with reading(self.path):
+            d = self.file[name]
+            if d.dtype != np.dtype("<f4") or d.shape[len(more) + 1 :] != self.grid.shape:
+                raise self.fail(f"/{name} is not of the grid of /emission")
+            v = np.asarray(d[(at, *more)], np.float32)
+        if not np.isfinite(v).all():
+            raise self.fail(f"/{name} has a value that is not finite")
+        return v
+
     def volume(self, k: int) -> Volume:
         at = int(self._at[k])
         row = self._row(at)
         report = Report(status_name(int(row["status"])), row["solver"].decode(errors="replace"), **{c: row[c].item() for c in REPORT})
+
+        more: dict[str, Any] = {c: int(row[c]) for c in VALUES}
 
         def read(z0: int, z1: int) -> Floats:
             if self.file is None:
@@ -198,4 +238,4 @@ class File:
         return Volume(grid=self.grid, set=int(row["number"]), session=self.session, report=report,
                       t_exposure_ns=int(row["t_exposure_ns"]), clamped=bool(row["clamped"]),
                       values=Planes(self.grid, read), units=self.units, rig_hash=self.rig_hash,
-                      **{c: int(row[c]) for c in VALUES})
+                      **more, **self._bars(at))

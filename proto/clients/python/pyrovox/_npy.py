@@ -1,4 +1,4 @@
-"""A recording as a folder: SET.npy and SET.json of each volume, recording.json, rig.yaml, config.yaml.
+"""A recording as a folder: SET.npy and SET.json of each volume, SET.sd.npy with its error bars, recording.json, rig.yaml, config.yaml.
 
 Also a folder of `pyrovox reconstruct`: its .json have `frame`, `time_ns` and `solver` for `set`, `t_exposure_ns` and `report`."""
 from __future__ import annotations
@@ -40,6 +40,19 @@ def text(path: str) -> str:
 
 def exposure(m: dict[str, Any]) -> int:
     return int(m["t_exposure_ns"] if "t_exposure_ns" in m else m["time_ns"])
+
+
+class Beside:
+    """Error bars in a file beside the volume's."""
+
+    def __init__(self, values: Planes):
+        self.values = values
+
+    def sd(self) -> Floats:
+        return self.values.dense()
+
+    def modes(self) -> None:
+        return None
 
 
 class Folder:
@@ -121,16 +134,23 @@ class Folder:
             r = m.get("report", m.get("solver", {}))
             ms = {f"{key}_ns": round(1e6 * float(value)) for key, value in r.get("ms", {}).items()
                   if f"{key}_ns" in Report.__dataclass_fields__}
+            more: dict[str, Any] = {key: int(m.get(key, 0)) for key in NUMBERS}
             residual = {} if r.get("rel_residual", 0) is not None else {"rel_residual": float("nan")}
             report = Report(**{**{key: r[key] for key in REPORT if key in r}, **ms, **residual})
             return Volume(grid=self.grid, set=int(name), session=int(m.get("session", "0"), 16), report=report,
                           t_exposure_ns=exposure(m), camera_mask=int(m.get("camera_mask", "0"), 16),
                           clamped=bool(m.get("clamped", False)), values=self._values(name), units=self.units,
-                          rig_hash=self.rig_hash, **{key: int(m.get(key, 0)) for key in NUMBERS})
+                          rig_hash=self.rig_hash, **more, **self._bars(name, m))
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as e:
             if isinstance(e, (BadRecording, _page.TooLarge)):
                 raise
             raise BadRecording(f"{self.path}/{name}.json: {type(e).__name__}: {e}") from None
+
+    def _bars(self, name: str, m: dict[str, Any]) -> dict[str, Any]:
+        if not os.path.exists(os.path.join(self.path, name + ".sd.npy")):
+            return {}
+        bits = int(m.get("bars", {}).get("doubt", 0))
+        return {"bars": Beside(self._values(name + ".sd")), "doubts": tuple(_page.doubts(bits))}
 
     def _values(self, name: str) -> Planes:
         path = os.path.join(self.path, name + ".npy")

@@ -12,7 +12,9 @@ from typing import Any, AsyncIterator, Iterator, Optional, Union
 import zmq
 
 from . import _page
-from .volume import Grid, Volume, grid_of, volume_of
+from .volume import Grid, Volume, bars_of, grid_of, volume_of
+
+Raw = tuple[dict[str, Any], bytes]  # header and body of a message
 
 
 class Refused(ConnectionError):
@@ -44,7 +46,8 @@ class Subscription:
         self._start: Optional[dict[str, Any]] = None
         self._session: Optional[int] = None
         self._next = 0
-        self._waiting: Optional[tuple[dict[str, Any], bytes]] = None  # the newest volume so far
+        self._waiting: Optional[tuple[dict[str, Any], bytes, Optional[Raw]]] = None  # the newest volume so far, its bars
+        self._bars: Optional[Raw] = None  # the newest
         self._ended = False
         self._refusal = ""
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
@@ -184,19 +187,22 @@ class Subscription:
             return None
         if m["session"] != self._session:
             self._session, self._next = m["session"], m["sequence"]
-            self._start = self.grid = None
+            self._start = self.grid = self._bars = None
         if m["sequence"] < self._next:
             return None  # a repetition
         self.lost += m["sequence"] - self._next
         self._next = m["sequence"] + 1
         self.received += 1
-        if m["type"] != "volume":
+        if m["type"] == "bars":
+            self._bars = m, body
+        elif m["type"] != "volume":
             self._note(m["type"], body)
         elif self._start is not None:
+            bars, self._bars = self._bars, None
             if not self.newest:
-                return self._volume(m, body)
+                return self._volume(m, body, bars)
             self.skipped += self._waiting is not None
-            self._waiting = m, body
+            self._waiting = m, body, bars
         return None
 
     def _note(self, kind: Any, body: bytes) -> None:
@@ -224,12 +230,14 @@ class Subscription:
         elif kind == "event":
             self.events.append(m.get("event", {}))
 
-    def _volume(self, m: dict[str, Any], body: bytes) -> Optional[Volume]:
+    def _volume(self, m: dict[str, Any], body: bytes, bars: Optional[Raw]) -> Optional[Volume]:
         try:
             v = volume_of(m, body, self.memory, self._start)
         except _page.BadMessage:
             self.malformed += 1
             return None
+        if bars is not None:  # a volume is worth more than its bars
+            self.malformed += not bars_of(v, *bars, self.memory, self._start)
         v.lost = self.lost
         return v
 

@@ -103,11 +103,20 @@ class Values(Protocol):
     def dense(self) -> Floats: ...
 
 
+class Deviations(Protocol):
+    """Where a volume's error bars are."""
+
+    def sd(self) -> Floats: ...
+    def modes(self) -> Optional[Floats]: ...
+
+
 @dataclass(eq=False)
 class Volume:
     """One frame set's volume.  Values are made, or read from the disk, when they are asked for.
 
         v.dense          float32 [z][y][x][c], emission per metre; x fastest but for the colours
+        v.sd             one standard deviation of each value of dense; None: there are no error bars
+        v.doubts         why these may be too small, names of PROTOCOL.md; empty: no reason is known
         v.bricks, v.ids  the same as bricks [n][8][8][8][c] and their numbers: only those with flame
         v.set, v.time    number of the frame set; middle of its exposure, np.datetime64 [ns], UTC
         v.grid           box and voxels;  v.report: of the solver;  v.lost: messages (or recorded sets)
@@ -129,6 +138,8 @@ class Volume:
     units: str = "1/m"
     rig_hash: int = 0
     lost: int = 0
+    bars: Optional[Deviations] = field(default=None, repr=False)
+    doubts: tuple[str, ...] = ()
 
     @property
     def time(self) -> np.datetime64:
@@ -146,6 +157,27 @@ class Volume:
         >>> v.dense[k, j, i]                        # doctest: +SKIP
         """
         return self.values.dense()
+
+    @cached_property
+    def sd(self) -> Optional[Floats]:
+        """One standard deviation, float32 [z][y][x][c]; None: this volume has no error bars.
+
+        >>> f"{v.dense[k, j, i, 0]:.3g} \u00b1 {v.sd[k, j, i, 0]:.1g} {v.units}"      # doctest: +SKIP
+        '12.3 \u00b1 0.8 1/m'
+        """
+        return self.bars.sd() if self.bars is not None else None
+
+    @cached_property
+    def modes(self) -> Optional[Floats]:
+        """What the errors of voxels have in common, float32 [k][z][y][x][c]; None: not known, as of a live stream.
+
+        The covariance of a channel is sum over k of modes[k] modes[k]', and sd**2 minus their squares on the diagonal.
+        So the bar of a sum over a region, a mask [z][y][x][c], is
+
+        >>> own = np.maximum(v.sd**2 - (v.modes**2).sum(0), 0)                        # doctest: +SKIP
+        >>> np.sqrt(((v.modes * mask).sum((1, 2, 3, 4)) ** 2).sum() + (own * mask).sum())    # doctest: +SKIP
+        """
+        return self.bars.modes() if self.bars is not None else None
 
     @cached_property
     def _sparse(self) -> tuple[Ids, Floats]:
@@ -197,6 +229,19 @@ class Travelled:
         return _page.unpack(self.grid.n, self.grid.channels, self.ids, self.values)
 
 
+class TravelledBars:
+    """Error bars as they came over the wire."""
+
+    def __init__(self, values: Travelled):
+        self.values = values
+
+    def sd(self) -> Floats:
+        return self.values.dense()
+
+    def modes(self) -> None:
+        return None
+
+
 class Planes:
     """Values that lie dense in a file; read(z0, z1) gives planes of it."""
 
@@ -234,6 +279,21 @@ def grid_of(m: dict[str, Any]) -> Grid:
     return g
 
 
+def bars_of(v: Volume, header: dict[str, Any], body: bytes, memory: int, start: Optional[dict[str, Any]]) -> bool:
+    """Gives v the bars of a message, if it is of v.  False: the message is damaged."""
+    try:
+        m = _page.decode_bricks(body, memory, start)
+        if not np.isfinite(m["values"]).all() or (m["values"] < 0).any():
+            return False
+        grid = grid_of(m)
+    except (struct.error, ValueError, OverflowError):
+        return False
+    if header["session"] == v.session and m["set"] == v.set and grid == v.grid and np.array_equal(m["ids"], v.ids):
+        v.bars = TravelledBars(Travelled(grid, m["ids"], m["values"]))
+        v.doubts = tuple(_page.doubts(m["doubt"]))
+    return True
+
+
 def volume_of(header: dict[str, Any], body: bytes, memory: int, start: Optional[dict[str, Any]]) -> Volume:
     """A volume message, taken apart by decode_header.  Raises BadMessage."""
     try:
@@ -252,8 +312,8 @@ def volume_of(header: dict[str, Any], body: bytes, memory: int, start: Optional[
                                        "camera_mask", "cameras_present")})
 
 
-def decode(message: bytes, memory: int = _page.MEMORY) -> Volume:
-    """One volume message of PROTOCOL.md, for who has sockets of his own.
+def decode(message: bytes, memory: int = _page.MEMORY, *, bars: Optional[bytes] = None) -> Volume:
+    """One volume message of PROTOCOL.md, for who has sockets of his own; bars: the newest message of error bars.
 
     Raises BadMessage (a ValueError): damaged, not a volume, not finite; TooLarge: over `memory` bytes.
 
@@ -262,4 +322,9 @@ def decode(message: bytes, memory: int = _page.MEMORY) -> Volume:
     header, body = _page.decode_header(message)
     if header["type"] != "volume":
         raise _page.BadMessage(f"a message of type {header['type']}, not a volume")
-    return volume_of(header, body, memory, None)
+    v = volume_of(header, body, memory, None)
+    if bars is not None:
+        of, body = _page.decode_header(bars)
+        if of["type"] != "bars" or not bars_of(v, of, body, memory, None):
+            raise _page.BadMessage(f"a message of type {of['type']} that is damaged, or has no error bars")
+    return v
