@@ -24,11 +24,10 @@ struct pvp_encoder {
     ZSTD_CCtx *zstd;
 };
 
-/* The message of a volume or of bars. */
-PVX_MUST_CHECK pvx_err pvp_encode_bricks(struct pvp_encoder *e, enum pvp_type type,
-                                         uint64_t sequence, const struct pvp_volume *v,
-                                         uint32_t doubt, const struct pvp_voxels *x,
-                                         const void **msg, size_t *len);
+/* The message of a volume or of bars; h: its type and sequence. */
+PVX_MUST_CHECK pvx_err pvp_encode_bricks(struct pvp_encoder *e, struct pvp_header h,
+                                         const struct pvp_volume *v, uint32_t doubt,
+                                         const struct pvp_voxels *x, const void **msg, size_t *len);
 
 /* Puts the header in front of h.body bytes that are already in place; counts the message. */
 void pvp_finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, size_t *len);

@@ -16,7 +16,8 @@ pvx_err pvp_encode_bars(pvp_encoder *e, uint64_t sequence, const struct pvp_volu
 {
     if (sd->n > 0 && (sd->stride < (int)e->grid.channels || any_below(sd, e->grid.channels)))
         return PVX_EINVAL;
-    return pvp_encode_bricks(e, PVP_BARS, sequence, v, doubt, sd, msg, len);
+    return pvp_encode_bricks(e, (struct pvp_header){PVP_BARS, .sequence = sequence}, v, doubt, sd,
+                             msg, len);
 }
 
 pvx_err pvp_decode_bars(const void *msg, size_t len, struct pvp_view *out, uint32_t *doubt,

@@ -190,9 +190,8 @@ static size_t compress(struct pvp_encoder *e, size_t raw_len, uint8_t *dst)
     return ZSTD_isError(n) ? 0 : n;
 }
 
-pvx_err pvp_encode_bricks(struct pvp_encoder *e, enum pvp_type type, uint64_t sequence,
-                          const struct pvp_volume *v, uint32_t doubt, const struct pvp_voxels *x,
-                          const void **msg, size_t *len)
+pvx_err pvp_encode_bricks(struct pvp_encoder *e, struct pvp_header h, const struct pvp_volume *v,
+                          uint32_t doubt, const struct pvp_voxels *x, const void **msg, size_t *len)
 {
     if (!pvp_grid_same(&v->grid, &e->grid) || (x->n > 0 && x->stride < (int)e->grid.channels))
         return PVX_EINVAL;
@@ -223,16 +222,16 @@ pvx_err pvp_encode_bricks(struct pvp_encoder *e, enum pvp_type type, uint64_t se
                             .raw_len = raw_len,
                             .stored = stored};
     pvp_volume_fields(&w, &fields, &p);
-    pvp_finish(e,
-               (struct pvp_header){type, .flags = clamped ? PVP_FLAG_CLAMPED : 0,
-                                   .sequence = sequence, .session = v->session,
-                                   .body = ids.at - WIRE_HEADER + stored},
-               msg, len);
+    h.flags = clamped ? PVP_FLAG_CLAMPED : 0;
+    h.session = v->session;
+    h.body = ids.at - WIRE_HEADER + stored;
+    pvp_finish(e, h, msg, len);
     return PVX_OK;
 }
 
 pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_volume *v,
                           const struct pvp_voxels *x, const void **msg, size_t *len)
 {
-    return pvp_encode_bricks(e, PVP_VOLUME, sequence, v, 0, x, msg, len);
+    return pvp_encode_bricks(e, (struct pvp_header){PVP_VOLUME, .sequence = sequence}, v, 0, x, msg,
+                             len);
 }

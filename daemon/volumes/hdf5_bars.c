@@ -136,15 +136,12 @@ bool vol_bars_again(hid_t file, struct vol_bars_file *b)
 
 /* ---- reading ---- */
 
-/* A dataset of values that is opened only if that is safe, as /emission is. */
-static hid_t bars_values(hid_t file, const char *name, const char *path, uint64_t bytes,
-                         const struct pvp_grid *g, uint32_t *modes, uint64_t *sets, bool *chunked)
+/* A dataset of values: with `modes`, /emission_modes. */
+static hid_t bars_values(hid_t set, const struct pvp_grid *g, uint32_t *modes, uint64_t *sets,
+                         bool *chunked)
 {
     hsize_t n[VOL_RANK + 1] = {0}, side[VOL_RANK + 1] = {0};
     const int lead = modes != NULL ? 2 : 1;
-    hid_t set = vol_hdf5_filtered(file, name) || vol_hdf5_heaps_end(path, bytes)
-                    ? H5Dopen2(file, name, H5P_DEFAULT)
-                    : -1;
     if (set < 0)
         return -1;
     hid_t type = H5Dget_type(set), space = H5Dget_space(set), p = H5Dget_create_plist(set);
@@ -171,6 +168,14 @@ static hid_t bars_values(hid_t file, const char *name, const char *path, uint64_
     return ok ? set : -1;
 }
 
+/* Opened only if that is safe, as /emission is. */
+static hid_t bars_open(hid_t file, const char *name, const char *path, uint64_t bytes)
+{
+    return vol_hdf5_filtered(file, name) || vol_hdf5_heaps_end(path, bytes)
+               ? H5Dopen2(file, name, H5P_DEFAULT)
+               : -1;
+}
+
 static const char *open_cols(hid_t file, int from, int to, struct vol_bars_file *b, uint64_t *said)
 {
     char name[64];
@@ -191,14 +196,14 @@ const char *vol_bars_open(hid_t file, const char *path, uint64_t bytes, const st
     *b = (struct vol_bars_file)VOL_BARS_FILE;
     if (H5Lexists(file, "emission_sd", H5P_DEFAULT) <= 0)
         return NULL;
-    b->sd = bars_values(file, "emission_sd", path, bytes, g, NULL, said, &b->sd_chunked);
+    b->sd = bars_values(bars_open(file, "emission_sd", path, bytes), g, NULL, said, &b->sd_chunked);
     if (b->sd < 0)
         return "emission_sd";
     const char *wrong = open_cols(file, 0, VOL_BARS_OWN, b, said);
     if (wrong != NULL || H5Lexists(file, "emission_modes", H5P_DEFAULT) <= 0)
         return wrong;
-    b->modes =
-        bars_values(file, "emission_modes", path, bytes, g, &b->n_modes, said, &b->modes_chunked);
+    b->modes = bars_values(bars_open(file, "emission_modes", path, bytes), g, &b->n_modes, said,
+                           &b->modes_chunked);
     return b->modes < 0 ? "emission_modes" : open_cols(file, VOL_BARS_OWN, VOL_BARS_COLS, b, said);
 }
 
