@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "recon/spectral/known.h"
+#include "recon/spectral/shade.h"
 #include "tests/lib/curves.h"
 #include "tests/lib/normal.h"
 #include "tests/t.h"
@@ -465,4 +466,41 @@ T_CASE(constants_from_a_thermocouple)
     T_NEAR(v.kelvin, 1900, 1);
     T_OK(v.kelvin_sd > 15 && v.kelvin_sd < 40); /* the thermocouple's, a little more at another T */
     rec_soot_free(&m);
+}
+
+/* ---- self-absorption ---------------------------------------------------------------------------- */
+
+T_CASE(an_even_cloud_shades_by_its_depth)
+{
+    enum { N = 20 };
+    static float f[N * N * N];
+    struct rec_rig rig;
+    const double k[3] = {1e6, 2e6, 3e6};
+    double tau[3], want[3] = {0};
+    struct rec_shade s;
+    T_EQ_I(rec_rig_ring(6, 4, 64, 48, N, &rig), PVX_OK);
+    for (size_t i = 0; i < N * N * N; i++)
+        f[i] = 1e-6F;
+    rec_shade_init(&s, &rig, &rig.grid, k);
+    int32_t middle = (N / 2 * N + N / 2) * N + N / 2;
+    rec_shade_at(&s, f, middle, tau);
+    for (size_t c = 0; c < rig.n_cameras;
+         c++) { /* to the border of the box, half a metre away and more */
+        double at[3], x[3] = {0.025, 0.025, 0.525}, length = 0, way = 1e9;
+        rec_camera_centre(&rig.cameras[c], at);
+        for (int a = 0; a < 3; a++)
+            length += (at[a] - x[a]) * (at[a] - x[a]);
+        for (int a = 0; a < 3; a++) {
+            double d = (at[a] - x[a]) / sqrt(length);
+            way = fmin(way, ((d > 0 ? rig.grid.max[a] : rig.grid.min[a]) - x[a]) / d);
+        }
+        for (int q = 0; q < 3; q++)
+            want[q] += exp(-k[q] * 1e-6 * way) / (double)rig.n_cameras;
+    }
+    for (int q = 0; q < 3; q++)
+        T_NEAR(tau[q], want[q], 0.02); /* the last half voxel falls to 0 */
+    memset(f, 0, sizeof f);
+    rec_shade_at(&s, f, middle, tau);
+    T_NEAR(tau[2], 1, 1e-12);
+    rec_rig_fini(&rig);
 }

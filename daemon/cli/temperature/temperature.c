@@ -6,7 +6,7 @@
 
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
-#include "daemon/cli/temperature/voxels.h"
+#include "daemon/cli/temperature/shaded.h"
 #include "recon/geom/rig.h"
 
 struct temperature_args {
@@ -14,7 +14,7 @@ struct temperature_args {
     double noise, exposure_ms, em, alpha, reject;
     int64_t from, to;
     uint32_t threads;
-    bool quiet;
+    bool quiet, shade;
 };
 
 #define AT(field) CLI_AT(struct temperature_args, field)
@@ -31,6 +31,9 @@ static const struct cli_row rows[] = {
     {"alpha", "A", AT(alpha), 0, 3, "exponent of the wavelength in soot's absorption (1)"},
     {"reject", "X", AT(reject), 0.1, 1e6,
      "chi^2 above which light is not soot's (10.83: once in 1000 by noise)"},
+    {"self-absorption", NULL, AT(shade), 0, 0,
+     "take out what the soot takes from its own light, for a recording that was reconstructed "
+     "without --absorption"},
     {"from", "SET", AT(from), 0, 9e18, "only this set and later ones"},
     {"to", "SET", AT(to), 0, 9e18, "only this set and earlier ones"},
     {"threads", "N", AT(threads), 0, 256, "threads to work with (0: one per CPU)"},
@@ -165,11 +168,13 @@ static pvx_err put_notes(const struct temperature_args *a, const struct rec_spec
     PVX_TRY(vol_thermal_note(out, "em", a->em, NULL, d));
     PVX_TRY(vol_thermal_note(out, "alpha", a->alpha, NULL, d));
     PVX_TRY(vol_thermal_note(out, "reject", a->reject, NULL, d));
+    PVX_TRY(vol_thermal_note(out, "self_absorption", a->shade, NULL, d));
     return vol_thermal_note(out, "absolute", s->absolute, NULL, d);
 }
 
 static pvx_err each_volume(const struct temperature_args *a, vol_reader *r,
-                           struct temperature_voxels *t, vol_thermal *out, struct pvx_diag *d)
+                           struct temperature_voxels *t, struct temperature_shaded *shaded,
+                           vol_thermal *out, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "temperature", .quiet = a->quiet};
     uint64_t n = vol_reader_count(r), done = 0;
@@ -178,7 +183,8 @@ static pvx_err each_volume(const struct temperature_args *a, vol_reader *r,
         PVX_TRY(vol_reader_get(r, k, &v, d));
         if (v.v.set >= (uint64_t)a->from && v.v.set <= (uint64_t)a->to) {
             struct pvx_diag why = {""};
-            pvx_err e = temperature_do(t, &v, &why);
+            pvx_err e = shaded != NULL ? temperature_shaded(shaded, t, &v, &why)
+                                       : temperature_do(t, &v, &why);
             if (e != PVX_OK)
                 return pvx_fail(d, e, "%s: %s", a->in, pvx_diag_text(&why, e));
             PVX_TRY(vol_thermal_put(out, &v, (const float *const *)t->field, d));
@@ -217,17 +223,39 @@ static void say(const struct temperature_args *a, const struct temperature_voxel
                "that are not these cameras'\n");
 }
 
+static pvx_err start_shade(const struct temperature_args *a, const struct rec_rig *rig,
+                           const struct vol_head *h, struct temperature_shaded *out,
+                           struct pvx_diag *d)
+{
+    struct rec_soot_params p = rec_soot_defaults;
+    double kappa[3];
+    if (rig->spectral == NULL || !rig->spectral->absolute)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--self-absorption needs the amount of soot, so a calibration by a source "
+                        "of known temperature (pyrovox calibrate spectral --kelvin), which %s does "
+                        "not have",
+                        a->rig);
+    p.em = a->em;
+    p.a = a->alpha;
+    rec_shade_kappa(rig->spectral, &p, kappa);
+    return temperature_shaded_init(out, rig, &h->start.grid, kappa);
+}
+
 static pvx_err temperature_into(const struct temperature_args *a, vol_reader *r,
                                 const struct rec_rig *rig, struct temperature_voxels *t,
                                 struct pvx_diag *d)
 {
     const struct vol_head *h = vol_reader_head(r);
+    struct temperature_shaded shaded = {.room = 0};
     vol_thermal *out;
     PVX_TRY(pvx_pool_new(a->threads, "soot", &t->pool));
     PVX_TRY(vol_thermal_open(a->out, h, t->soot != NULL ? temperature_fields : temperature_ratios,
                              t->soot != NULL ? TEMPERATURE_FIELDS : TEMPERATURE_RATIOS, &out, d));
     pvx_err e = put_notes(a, rig->spectral, out, d);
-    PVX_THEN(e, each_volume(a, r, t, out, d));
+    if (e == PVX_OK && a->shade)
+        e = start_shade(a, rig, h, &shaded, d);
+    PVX_THEN(e, each_volume(a, r, t, a->shade ? &shaded : NULL, out, d));
+    temperature_shaded_fini(&shaded);
     pvx_err closed = vol_thermal_close(&out, e == PVX_OK, d);
     return e != PVX_OK ? e : closed;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "recon/spectral/shade.h"
 
 #define CELLS ((size_t)PVP_BRICK * PVP_BRICK * PVP_BRICK)
 #define CLEAR 5.0 /* green over its noise for a ratio */
@@ -98,18 +99,34 @@ static void no_light(const struct job *j, size_t at)
         j->t->field[k][at] = k == 5 ? 0 : NAN;
 }
 
+/* e and N as they were before the soot's own absorption; false: too little is left. */
+static bool unshade(const float tau[3], double e[3], double N[9])
+{
+    for (int q = 0; q < 3; q++) {
+        if (!((double)tau[q] >= REC_SHADE_LEAST))
+            return false;
+        e[q] /= (double)tau[q];
+        for (int p = 0; p < 3; p++)
+            N[3 * p + q] /= (double)tau[p] * (double)tau[q];
+    }
+    return true;
+}
+
 static void do_brick(void *ctx, size_t b)
 {
     const struct job *j = ctx;
     for (size_t i = b * CELLS; i < (b + 1) * CELLS; i++) {
         const float *x = j->v->brick + 3 * i;
-        const double e[3] = {(double)x[0], (double)x[1], (double)x[2]};
-        double N[9];
+        double e[3] = {(double)x[0], (double)x[1], (double)x[2]}, N[9];
         if (x[0] == 0 && x[1] == 0 && x[2] == 0) {
             no_light(j, i);
             continue;
         }
         covariance(j, 3 * i, N);
+        if (j->t->tau != NULL && !unshade(j->t->tau + 3 * i, e, N)) {
+            no_light(j, i);
+            continue;
+        }
         if (j->t->soot != NULL)
             voxel_soot(j, &j->sums[b], i, e, N);
         else

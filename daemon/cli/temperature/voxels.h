@@ -20,6 +20,8 @@ struct temperature_voxels {
     const rec_soot *soot; /* NULL: ratios alone */
     double noise;         /* of (2); NAN: bars are needed */
     pvx_pool *pool;
+    const float
+        *tau; /* [bricks][8^3][3] what of the emission reached the cameras (shade.h); NULL: all */
     float *field[TEMPERATURE_FIELDS]; /* [bricks][8^3] of the volume done last */
     uint32_t room;
     struct temperature_sums {
