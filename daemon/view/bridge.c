@@ -165,6 +165,13 @@ static void judge(struct view_bridge *b, const void *msg, size_t len)
     cJSON_Delete(j);
 }
 
+static pvx_err put_bars(struct view_bridge *b, struct pvx_diag *d)
+{
+    size_t len = 0;
+    const void *bars = b->source.ops->bars(b->source.self, &len);
+    return view_shelf_put_bars(b->shelf, bars, len, d);
+}
+
 static void take_one(struct view_bridge *b, const struct pvp_header *h, const void *msg, size_t len)
 {
     struct pvx_diag d = {""};
@@ -174,7 +181,8 @@ static void take_one(struct view_bridge *b, const struct pvp_header *h, const vo
         for (int i = 0; i < VIEW_SEATS; i++)
             if (b->seat[i].page != NULL)
                 view_page_count(b->seat[i].page, before);
-    pvx_err e = view_shelf_put(b->shelf, h, msg, len, &d);
+    pvx_err e = h->type == PVP_VOLUME ? put_bars(b, &d) : PVX_OK;
+    PVX_THEN(e, view_shelf_put(b->shelf, h, msg, len, &d));
     if (e == PVX_OK && h->type == PVP_STATUS)
         judge(b, msg, len);
     if (h->type == PVP_END)
@@ -228,13 +236,14 @@ static void link_text(struct view_bridge *b, view_page *p, char *out, size_t siz
              "{\"link\":{\"received\":%llu,\"lost\":%llu,\"malformed\":%llu,\"unreadable\":%llu,"
              "\"silent_s\":%.1f,\"pages\":%llu,\"volumes_sent\":%llu,\"volumes_drawn\":%llu,"
              "\"superseded\":%llu,\"hidden\":%llu,\"drawn_ms\":%s,\"held_ms\":%s,"
-             "\"whole_ms\":%s}%s%s%s%s%s}",
+             "\"whole_ms\":%s,\"bars\":%s}%s%s%s%s%s}",
              (unsigned long long)s->received, (unsigned long long)s->lost,
              (unsigned long long)s->malformed, (unsigned long long)b->stats.unreadable, silent,
              (unsigned long long)b->stats.pages_now, (unsigned long long)st->sent,
              (unsigned long long)st->drawn, (unsigned long long)st->superseded,
              (unsigned long long)st->hidden, bridge_ms(p, VIEW_DRAWN, now, drawn),
              bridge_ms(p, VIEW_HELD, now, held), bridge_ms(p, VIEW_WHOLE, now, whole),
+             view_shelf_number(b->shelf, VIEW_BARS) > 0 ? "true" : "false",
              s->words[0] != '\0' ? "," : "", s->words, b->orders != NULL ? "," : "",
              b->orders != NULL ? view_orders_text(b->orders) : "", b->verdict_said);
 }

@@ -14,6 +14,8 @@
     X(main, "main.js", JS)       \
     X(pvx, "pvx.js", JS)         \
     X(bricks, "bricks.js", JS)   \
+    X(probe, "probe.js", JS)     \
+    X(pointer, "pointer.js", JS) \
     X(worker, "worker.js", JS)   \
     X(flame, "flame.js", JS)     \
     X(shader, "shader.js", JS)   \

@@ -14,7 +14,9 @@ struct film {
     const char *path;
     vol_reader *in;
     vol_voxels *voxels;
-    pvp_encoder *encoder;
+    pvp_encoder *encoder, *bars_encoder;
+    const void *bars; /* the message of the volume sent last, NULL: it has none */
+    size_t bars_len;
     enum step step;
     uint64_t count, at, sequence; /* at: the volume that is sent next */
     uint64_t shown;               /* the one sent last */
@@ -57,7 +59,8 @@ static void wait_for_next(struct film *f, int64_t exposure)
 static pvx_err film_volume(struct film *f, const void **msg, size_t *len, struct pvx_diag *d)
 {
     struct vol_volume v;
-    struct pvp_voxels x;
+    struct pvp_voxels x, sd;
+    f->bars = NULL;
     f->wanted = false;
     f->shown = f->at;
     f->at = (f->at + 1) % f->count;
@@ -68,8 +71,11 @@ static pvx_err film_volume(struct film *f, const void **msg, size_t *len, struct
         return e;
     }
     wait_for_next(f, v.v.t_exposure_ns);
-    vol_voxels_of(f->voxels, &v, &x);
+    vol_voxels_bars(f->voxels, &v, &x, &sd);
     v.v.t_publish_ns = pvx_now_real();
+    if (v.bars.sd != NULL)
+        PVX_TRY(pvp_encode_bars(f->bars_encoder, f->sequence++, &v.v, v.bars.doubt, &sd, &f->bars,
+                                &f->bars_len));
     return pvp_encode_volume(f->encoder, f->sequence++, &v.v, &x, msg, len);
 }
 
@@ -93,6 +99,13 @@ static pvx_err film_next(void *self, struct pvp_header *h, const void **msg, siz
     case SEND_VOLUMES: PVX_TRY(film_volume(f, msg, len, d)); break;
     }
     return pvp_decode_header(*msg, *len, h, d);
+}
+
+static const void *film_bars(void *self, size_t *len)
+{
+    const struct film *f = self;
+    *len = f->bars_len;
+    return f->bars;
 }
 
 static void film_said(void *self, const struct view_words *w)
@@ -136,12 +149,13 @@ static void film_free(void *self)
     struct film *f = self;
     vol_voxels_free(&f->voxels);
     pvp_encoder_free(&f->encoder);
+    pvp_encoder_free(&f->bars_encoder);
     vol_reader_close(&f->in);
     free(f);
 }
 
-static const struct view_source_ops ops = {film_fds,      film_due_ns, film_next, film_said,
-                                           film_previews, film_stats,  film_free};
+static const struct view_source_ops ops = {film_fds,  film_due_ns,   film_next,  film_bars,
+                                           film_said, film_previews, film_stats, film_free};
 
 static pvx_err open_film(struct film *f, struct pvx_diag *d)
 {
@@ -153,6 +167,7 @@ static pvx_err open_film(struct film *f, struct pvx_diag *d)
     PVX_TRY(vol_reader_get(f->in, 0, &first, d));
     const struct pvp_grid *g = &vol_reader_head(f->in)->start.grid;
     PVX_TRY(vol_voxels_new(g, &f->voxels));
+    PVX_TRY(pvp_encoder_new(g, PVP_F16, PVP_LZ4, &f->bars_encoder));
     return pvp_encoder_new(g, PVP_F16, PVP_LZ4, &f->encoder);
 }
 

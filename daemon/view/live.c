@@ -38,6 +38,11 @@ static pvx_err live_next(void *self, struct pvp_header *h, const void **msg, siz
     return e;
 }
 
+static const void *live_bars(void *self, size_t *len)
+{
+    return pvp_sub_bars(((struct live *)self)->volumes, len);
+}
+
 static void live_said(void *self, const struct view_words *w)
 {
     (void)self;
@@ -74,8 +79,8 @@ static void live_free(void *self)
     free(l);
 }
 
-static const struct view_source_ops ops = {live_fds,      live_due_ns, live_next, live_said,
-                                           live_previews, live_stats,  live_free};
+static const struct view_source_ops ops = {live_fds,  live_due_ns,   live_next,  live_bars,
+                                           live_said, live_previews, live_stats, live_free};
 
 pvx_err view_live_new(const char *endpoint, const char *previews_at, const char *key,
                       struct view_source *out, struct pvx_diag *d)

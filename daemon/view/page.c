@@ -32,7 +32,7 @@ struct view_page {
     uint8_t *early;
     size_t n_early, at_early, turn;
     int64_t opened_ns, closing_ns, ended_ns; /* ended: all was sent, the other end reads it */
-    bool let_in, refused, gone, hidden, previews, slow;
+    bool let_in, refused, gone, hidden, previews, bars, slow;
     uint64_t credits, had[VIEW_SLOTS], events, links, session;
     int64_t volume_ns; /* when the volume in the queue was put there; 0: there is none */
     struct away away[AWAY_MAX];
@@ -147,6 +147,8 @@ static void heed(view_page *p, const struct view_words *w)
         p->hidden = w->hidden;
     if (w->said & VIEW_SAID_PREVIEWS)
         p->previews = w->previews;
+    if (w->said & VIEW_SAID_BARS)
+        p->bars = w->bars;
     unsigned film = w->said & (VIEW_SAID_PLAY | VIEW_SAID_SEEK | VIEW_SAID_SPEED);
     unsigned order = w->said & VIEW_SAID_ORDER;
     if (order != 0)
@@ -271,13 +273,21 @@ static void page_remember(view_page *p, const struct view_msg *m)
     p->stats.sent++;
 }
 
+static bool may_have_volume(const view_page *p)
+{
+    return p->credits > 0 && !p->hidden && p->had[VIEW_START] > 0;
+}
+
 static bool page_due(const view_page *p, const view_shelf *shelf, enum view_slot slot)
 {
     uint64_t now = view_shelf_number(shelf, slot);
     if (now == 0 || now == p->had[slot])
         return false;
+    if (slot == VIEW_BARS) /* before their volume, or after it where they are asked for later */
+        return p->bars && !p->hidden &&
+               (view_shelf_number(shelf, VIEW_VOLUME) == p->had[VIEW_VOLUME] || may_have_volume(p));
     if (slot == VIEW_VOLUME)
-        return p->credits > 0 && !p->hidden && p->had[VIEW_START] > 0;
+        return may_have_volume(p);
     return slot != VIEW_PREVIEW || (p->previews && !p->hidden);
 }
 

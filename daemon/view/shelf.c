@@ -11,11 +11,11 @@ struct held {
     void *data;
     size_t room;
 };
-enum { READABLE, SMALL, FORMS }; /* of a volume, each made when a page first wants it */
+enum { READABLE, SMALL, FORMS }; /* of a volume and of bars, each made when a page first wants it */
 
 struct view_shelf {
     struct held slot[VIEW_SLOTS];
-    struct held form[FORMS];
+    struct held form[FORMS], bars_form[FORMS];
     struct held event[VIEW_EVENTS];
     uint64_t events, session;
     pvp_relay *relay;
@@ -39,6 +39,8 @@ void view_shelf_free(view_shelf **s)
         free((*s)->slot[i].data);
     for (int i = 0; i < FORMS; i++)
         free((*s)->form[i].data);
+    for (int i = 0; i < FORMS; i++)
+        free((*s)->bars_form[i].data);
     for (int i = 0; i < VIEW_EVENTS; i++)
         free((*s)->event[i].data);
     pvp_relay_free(&(*s)->relay);
@@ -118,6 +120,17 @@ pvx_err view_shelf_put(view_shelf *s, const struct pvp_header *h, const void *ms
     return PVX_OK;
 }
 
+pvx_err view_shelf_put_bars(view_shelf *s, const void *msg, size_t len, struct pvx_diag *d)
+{
+    struct held *to = &s->slot[VIEW_BARS];
+    to->m.len = 0;
+    if (msg == NULL)
+        return PVX_OK;
+    PVX_TRY(shelf_hold(to, msg, len, d));
+    to->m.number++;
+    return PVX_OK;
+}
+
 pvx_err view_shelf_put_text(view_shelf *s, enum view_slot slot, const char *text,
                             struct pvx_diag *d)
 {
@@ -140,9 +153,9 @@ pvx_err view_shelf_get(view_shelf *s, enum view_slot slot, bool small, struct vi
         out->number = 0;
         return PVX_OK;
     }
-    if (slot != VIEW_VOLUME)
+    if (slot != VIEW_VOLUME && slot != VIEW_BARS)
         return PVX_OK;
-    struct held *form = &s->form[small ? SMALL : READABLE];
+    struct held *form = (slot == VIEW_BARS ? s->bars_form : s->form) + (small ? SMALL : READABLE);
     if (form->m.number != from->m.number) {
         const void *msg;
         size_t len;

@@ -15,6 +15,7 @@ enum view_slot {
     VIEW_RIG,
     VIEW_POSES, /* a text that the bridge made of the rig (poses.h) */
     VIEW_STATUS,
+    VIEW_BARS, /* of the volume; empty if it has none */
     VIEW_VOLUME,
     VIEW_PREVIEW,
     VIEW_END,
@@ -35,6 +36,9 @@ void view_shelf_free(view_shelf **s);
 /* A message as it came, well-formed by pvp_sub_next.  Repetitions of start and rig are left out. */
 PVX_MUST_CHECK pvx_err view_shelf_put(view_shelf *s, const struct pvp_header *h, const void *msg,
                                       size_t len, struct pvx_diag *d);
+/* The error bars of the volume that is put next; NULL: it has none. */
+PVX_MUST_CHECK pvx_err view_shelf_put_bars(view_shelf *s, const void *msg, size_t len,
+                                           struct pvx_diag *d);
 /* A text of the bridge's own. */
 PVX_MUST_CHECK pvx_err view_shelf_put_text(view_shelf *s, enum view_slot slot, const char *text,
                                            struct pvx_diag *d);

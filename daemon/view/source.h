@@ -22,6 +22,8 @@ struct view_source_ops {
      * returned once and go away by themselves where they can: PVX_EPERM (refused), PVX_ERANGE (too large). */
     pvx_err (*next)(void *self, struct pvp_header *h, const void **msg, size_t *len,
                     struct pvx_diag *d);
+    /* Error bars of the volume that `next` gave last, as a message; NULL: it has none.  Borrowed until `next`. */
+    const void *(*bars)(void *self, size_t *len);
     void (*said)(void *self, const struct view_words *w); /* by a page that was let in */
     void (*previews)(void *self, bool wanted);            /* wanted: by any page */
     void (*stats)(void *self, struct view_source_stats *out);

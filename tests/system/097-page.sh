@@ -5,7 +5,7 @@ name=097
 . "$(dirname "$0")/lib.sh"
 modules=$dir/page
 cp -r daemon/view/page "$modules"; echo '{"type": "module"}' > "$modules/package.json"
-for what in golden half lz4 mutated bricks flat bright cells camera contrast names; do
+for what in golden half lz4 mutated bricks flat bright cells camera contrast probe names; do
     check "$what" timeout "$patience" node tests/view/vectors.mjs "$what" "$modules" proto/vectors
 done
 exit $rc

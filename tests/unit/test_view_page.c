@@ -294,6 +294,65 @@ T_CASE(relay)
         }
 }
 
+/* The bars of set `set`, then its volume. */
+static void volume_with_bars(struct bed *b, uint64_t set)
+{
+    static const int32_t index[] = {3};
+    static const float sd[] = {0.5f};
+    const struct pvp_volume v = {.session = 7, .set = set, .grid = grid};
+    const void *msg;
+    size_t len;
+    T_EQ_I(pvp_encode_bars(b->e, b->sequence++, &v, 0, &(struct pvp_voxels){1, index, sd, 1}, &msg,
+                           &len),
+           PVX_OK);
+    T_EQ_I(view_shelf_put_bars(b->shelf, msg, len, NULL), PVX_OK);
+    volume(b, 7, set);
+}
+
+static uint64_t bars_got(const struct bed *b)
+{
+    struct pvp_view v;
+    uint32_t doubt;
+    T_EQ_I(pvp_decode_bars(b->got, b->len, &v, &doubt, NULL), PVX_OK);
+    T_OK(v.comp != PVP_ZSTD);
+    return v.v.set;
+}
+
+/* Bars go to who asks for them, with their volume and no other; a volume without bars takes them away. */
+T_CASE(bars_for_who_asks)
+{
+    struct bed b;
+    bed_new(&b, PVP_ZSTD);
+    start(&b, 7);
+    say(&b, "{" TOKEN ",\"credits\":1}");
+    T_EQ_I(next(&b), PVP_START);
+    volume_with_bars(&b, 1);
+    T_EQ_I(next(&b), PVP_VOLUME);
+    T_EQ_I(next(&b), 0);
+    say(&b, "{\"bars\":true}"); /* of the volume that it has */
+    T_EQ_I(next(&b), PVP_BARS);
+    T_EQ_I(bars_got(&b), 1);
+    volume_with_bars(&b, 2);
+    T_EQ_I(next(&b), 0); /* neither without a credit */
+    volume_with_bars(&b, 3);
+    say(&b, "{\"credits\":2}");
+    T_EQ_I(next(&b), PVP_BARS);
+    T_EQ_I(bars_got(&b), 3);
+    T_EQ_I(next(&b), PVP_VOLUME);
+    T_EQ_I(set_got(&b), 3);
+    T_EQ_I(view_shelf_put_bars(b.shelf, NULL, 0, NULL), PVX_OK);
+    volume(&b, 7, 4);
+    T_EQ_I(view_shelf_number(b.shelf, VIEW_BARS), 0);
+    T_EQ_I(next(&b), PVP_VOLUME);
+    T_EQ_I(next(&b), 0);
+    say(&b, "{\"bars\":false,\"credits\":1}");
+    volume_with_bars(&b, 5);
+    T_EQ_I(next(&b), PVP_VOLUME);
+    T_EQ_I(set_got(&b), 5);
+    T_EQ_I(next(&b), 0);
+    bed_free(&b);
+}
+
 T_CASE(events_in_order)
 {
     struct bed b;

@@ -5,7 +5,7 @@ import { pathToFileURL } from "node:url";
 
 const [what, modules, vectors] = process.argv.slice(2);
 const load = (name) => import(pathToFileURL(`${modules}/${name}.js`).href);
-const pvx = await load("pvx"), { Bricks, cells } = await load("bricks");
+const pvx = await load("pvx"), { Bricks, cells } = await load("bricks"), probe = await load("probe");
 const bytes = (name) => { const b = fs.readFileSync(`${vectors}/${name}.bin`); return b.buffer.slice(b.byteOffset, b.byteOffset + b.length); };
 const golden = (name) => JSON.parse(fs.readFileSync(`${vectors}/${name}.json`));
 const all = fs.readdirSync(vectors).filter((n) => n.endsWith(".bin")).map((n) => n.slice(0, -4));
@@ -158,6 +158,36 @@ const tests = {
       for (const text of [name.text, name.soft, name.bad, name.good, name.fire])
         assert.ok(ratio(text, ground) >= 4.5, `${text} on ${ground}: ${ratio(text, ground).toFixed(2)}`);
     assert.ok(ratio("#ffd9d1", "#2a1714") >= 4.5 && ratio(name.text, "#4a2c12") >= 4.5);
+  },
+  probe() { // a voxel in a slice, and the largest along a ray, in the volume or in its bars; text of figures; the doubts are C's
+    const v = made([21, 17, 30], 1, [0, 5, 40]), b = { ...made([21, 17, 30], 1, [0, 5, 40]), set: 1 };
+    Object.assign(v.grid, { min: [0, 0, 0], max: [2.1, 1.7, 3.0] });
+    v.set = 1;
+    const d = dense(v), sd = dense(b), at = (p) => (p[2] * 17 + p[1]) * 21 + p[0], along = (a) => [0, 1, 2].map((k) => Number(k === a));
+    const look = { slices: false, sliceAt: [0.5, 0.5, 0.5], clip: [0, 0, 0, 1, 1, 1], dark: 0 };
+    let seen = 0;
+    for (let i = 0; i < 300; i++) {
+      const p = [random(21), random(17), random(30)], a = random(3), bars = i % 2 === 1, from = bars ? sd : d, of = v.grid.n[a];
+      const eye = p.map((x, k) => k === a ? -1 : (x + 0.5) * 0.1), line = Array.from({ length: of }, (_, k) => at(p.map((x, j) => j === a ? k : x)));
+      const most = Math.max(...line.map((k) => from[k])), got = new probe.Probe(v, b, bars).ask({ ...look, eye, d: along(a) });
+      if (most === 0) { assert.equal(got.values, undefined); continue; }
+      seen++;
+      const best = line.find((k) => from[k] === most), where = line.indexOf(best);
+      assert.deepEqual([got.values[0], got.sd[0], got.set], [d[best], sd[best], 1]);
+      assert.ok(Math.abs(got.where[a] - (where + 0.5) * 0.1) < 1e-9);
+      const s = new probe.Probe(v, b, bars).ask({ ...look, eye, d: along(a), slices: true, sliceAt: p.map((x, k) => k === a ? (x + 0.5) / of : 0) });
+      if (from[at(p)] > 0) assert.deepEqual([s.values[0], s.sd[0]], [d[at(p)], sd[at(p)]]);
+    }
+    assert.ok(seen > 50, `${seen}`);
+    assert.equal(new probe.Probe(v, null, false).ask({ ...look, eye: [0.05, 0.05, -1], d: [0, 0, 1] }).sd, null);
+    assert.equal(new probe.Probe(v, null, true).ask({ ...look, eye: [0.05, 0.05, -1], d: [0, 0, 1] }).values, undefined);
+    for (const [x, s, want] of [[12.34, 0.81, "12.34 ± 0.81"], [123.4, 12, "123 ± 12"], [0.01234, 0.0008, "0.01234 ± 0.00080"], [5, undefined, "5"], [1 / 3, 0, "0.3333"]])
+      assert.equal(probe.figure(x, s), want);
+    const said = [...fs.readFileSync("proto/pvp.h", "utf8").matchAll(/X\((\d+),\s*\w+,\s*"([\w-]+)",[\s\\]*"([^"]+)"\)/g)];
+    assert.deepEqual(said.map((m) => m[3]), probe.DOUBTS);
+    const names = fs.readFileSync("proto/clients/pyrovox_sub.py", "utf8").match(/DOUBTS = \((.*)\)  #/)[1].split(", ").map((x) => x.slice(1, -1));
+    assert.deepEqual(said.map((m) => m[2]), names);
+    assert.deepEqual(probe.doubts(1 << 31 | 2), [probe.DOUBTS[1], "for a reason that this page does not know"]);
   },
   names() { // everything that a module asks the page for is there; every file is small, and asks nobody else for anything
     const html = fs.readFileSync(`${modules}/index.html`, "utf8"), main = fs.readFileSync(`${modules}/main.js`, "utf8");

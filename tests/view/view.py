@@ -278,6 +278,74 @@ def grey():
     bed.end(bridge)
 
 
+def bars():
+    """The switch shows deviations; a value under the pointer has its bar, in the slice and along the ray; without bars it has none."""
+    h5 = f"{bed.dir}/bars.h5"
+    bed.run(f"{bed.build}/tests/unit/test_bars", "--write", h5, "4", "1", "2")
+    bare = f"{bed.dir}/bare"
+    bed.run(f"{bed.bin}/pyrovox", "convert", h5, bare, "--format", "npy")
+    bridge, url = bed.view(h5)
+    page = browser.page(url)
+    shown(page, url)
+    page.eval("pyrovox.link.say({play: false, seek: 1})")
+    page.until("pyrovox.view.set === 1 && !document.getElementById('bars-row').hidden")
+    import glob
+    v, sd = (np.load(f"{bare}/000001{end}")[..., 0] for end in (".npy", ".sd.npy"))
+
+    def at(x, y):
+        page.do("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    box = page.eval("(() => { const b = document.getElementById('flame').getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()")
+    page.eval("pyrovox.orbit.azimuth = -Math.PI / 2; pyrovox.orbit.elevation = 0; pyrovox.orbit.turn(0, 0)")
+    at(box[0] + box[2] / 2, box[1] + box[3] / 2)
+    page.until("document.getElementById('value').innerText.includes('±')")
+    text = page.eval("document.getElementById('value').innerText")
+    page.shot(f"{bed.shots}/bars-pointer.png")
+    print("  " + text.replace("\n", " | "))
+    # along y through the middle, which is between two layers: the brightest voxel of the line of sight
+    best = min((v[k, :, 11:13].max() for k in (15, 16)), key=lambda b: abs(b - float(text.split(" ")[0])))
+    value, bar = text.split(" 1/m")[0].split(" ± ")
+    assert "brightest along this line of sight" in text and abs(float(value) - best) <= 0.02 * best and 0.04 < float(bar) / float(value) < 0.15, (text, best)
+    flame = pixels(page, (0, -2.0, 0.32), (0, 0, 0.32), 0.3)
+    page.until("!document.getElementById('doubt').hidden")
+    assert "too few cameras" in page.eval("document.getElementById('doubt').innerText")
+    clicks(page, "bars")
+    page.until("document.getElementById('map-unit').innerText.includes('±')")
+    page.until("pyrovox.view.bars.has")
+    time.sleep(1)
+    deviations = pixels(page, (0, -2.0, 0.32), (0, 0, 0.32), 3)
+    page.shot(f"{bed.shots}/bars-shown.png")
+    want = np.clip((sd.sum(1) * 0.02 * 3)[::-1], 0, 1).max()
+    assert deviations.max() > 40 and np.abs(deviations.astype(int) - flame).max() > 20, (deviations.max(), want)
+    clicks(page, "slices")
+    page.until("document.getElementById('value').innerText.includes('in the slice')")
+    page.shot(f"{bed.shots}/bars-slices.png")
+    page.eval("pyrovox.link.say({seek: 2})")  # the set without bars
+    page.until("pyrovox.view.set === 2 && document.getElementById('doubt').innerText.includes('no error bars')")
+    page.shot(f"{bed.shots}/bars-none.png")
+    page.eval("pyrovox.link.say({seek: 3})")
+    page.until("pyrovox.view.set === 3 && pyrovox.view.bars.has")
+    clicks(page, "bars")
+    page.until("!document.getElementById('map-unit').innerText.includes('±')")
+    clicks(page, "slices")
+    time.sleep(1)
+    again = pixels(page, (0, -2.0, 0.32), (0, 0, 0.32), 0.3)
+    assert again.max() > 40
+    assert not page.troubles(), page.troubles()
+    page.close()
+    bed.end(bridge)
+    for name in glob.glob(f"{bare}/*.sd.npy"):
+        os.unlink(name)
+    bridge, url = bed.view(bare)
+    page = browser.page(url)
+    shown(page, url)
+    at = lambda x, y: page.do("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    at(box[0] + box[2] / 2, box[1] + box[3] / 2)
+    page.until("document.getElementById('value').innerText.includes('no error bar')")
+    assert page.eval("document.getElementById('bars-row').hidden")
+    page.close()
+    bed.end(bridge)
+
+
 def orders():
     """A page of a bridge with --control records and takes a snapshot; one of a bridge without shows no such buttons."""
     daemon, at = bed.daemon(bed.rig(24), more=f'record:\n  volumes_path: "{bed.dir}/takes/v-%Y"\n  path: "{bed.dir}/takes/r-%Y.h5"\n')
@@ -409,7 +477,7 @@ fetch("http://{at}/main.js").then(() => {{ window.read = "read"; }}, () => {{ wi
 
 
 checks = {"picture-is-the-renderers": golden, "no-ghosts": ghosts, "samples": samples, "context-lost": context_lost, "grey-slices-film": grey,
-          "draws-only-changes": still, "turning": turning, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "orders": orders, "live": live}
+          "draws-only-changes": still, "turning": turning, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "error-bars": bars, "orders": orders, "live": live}
 try:
     for name, what in checks.items():
         if only in name:

@@ -13,6 +13,8 @@ export class Link {
     if (document.hidden) this.say({ hidden: true });
   }
   say(o) { this.worker.postMessage({ say: o }); }
+  show(what) { this.worker.postMessage({ show: what }); } // "flame" or "bars"
+  probe(ray) { this.worker.postMessage({ probe: ray }); }
   retry() { this.worker.postMessage({ retry: true }); }
   again() { this.worker.postMessage({ again: true }); }
 }

@@ -9,6 +9,8 @@ import { Cameras } from "./cameras.js";
 import { Lost } from "./lost.js";
 import { Player } from "./player.js";
 import { Orders } from "./orders.js";
+import { Pointer } from "./pointer.js";
+import { doubts } from "./probe.js";
 import { names, table, srgb8 } from "./colours.js";
 
 const $ = (id) => document.getElementById(id);
@@ -97,7 +99,7 @@ function legend() {
   $("map").getContext("2d").putImageData(bar, 0, 0);
   const full = 1 / flame.look.exposure, deep = Math.min(...g.max.map((m, a) => m - g.min[a])) * 0.25;
   $("map-high").textContent = (flame.look.slices ? full / deep : full).toPrecision(3);
-  $("map-unit").textContent = flame.look.slices ? "1/m" : "pixel value";
+  $("map-unit").textContent = `${$("bars").checked ? "± " : ""}${flame.look.slices ? "1/m" : "pixel value"}`;
 }
 
 function lostSum() { $("lost-sum").textContent = lost.words(view.words?.volumes_drawn || 0); }
@@ -118,7 +120,12 @@ function take(v) {
   return flame.take(v);
 }
 function volume(v) {
-  if (v.again) { take(v); change(); return; } // it was counted when it came
+  if (v.again) { // it was counted when it came
+    take(v);
+    if (v.other) { view.exposureKnown = false; autoExposure(v); }
+    change();
+    return;
+  }
   if (!view.start) { passOver("before the session began"); return; }
   if (!take(v)) { passOver("graphics were away"); return; }
   if (pending !== null) passOver("newer came before it was drawn");
@@ -136,7 +143,7 @@ function volume(v) {
   charts.hull.add(v.voxels);
   charts.residual.add(100 * v.residual);
   const g = v.grid;
-  $("what").textContent = `${g.n.join("×")}${g.channels === 3 ? " RGB" : ""} · set ${v.set} · ${v.cameras} cameras · ${v.n_bricks} bricks · ${(v.bytes / 1e6).toFixed(2)} MB`;
+  $("what").textContent = `${g.n.join("×")}${g.channels === 3 ? " RGB" : ""} · set ${v.set} · ${v.cameras} cameras · ${v.n_bricks} bricks · ${(v.bytes / 1e6).toFixed(2)} MB${$("bars").checked ? " · error bars" : ""}`;
   change();
 }
 
@@ -186,6 +193,14 @@ const link = new Link(token, {
     while ($("events").children.length > 50) $("events").lastChild.remove();
   },
   preview: (m) => cameras.preview(m),
+  bars: (m) => {
+    view.bars = m;
+    const why = m.has ? doubts(m.doubt) : [];
+    $("doubt").hidden = !why.length && !($("bars").checked && !m.has);
+    $("doubt").textContent = why.length ? `These bars may be too small: ${why.join("; ")}.` : "This volume has no error bars.";
+    pointer.again();
+  },
+  probe: (m) => pointer.answer(m),
   end: (m) => { ended = m.reason; state(`the daemon has ended: ${m.reason}`, "bad"); },
   malformed: (m) => { view.malformed = (view.malformed || 0) + 1; lost.set("page", "not understood", view.malformed, m.why); },
   words: (m) => {
@@ -195,6 +210,7 @@ const link = new Link(token, {
     verdict(ended || (m.link?.silent_s ?? 0) >= 3 ? "" : m.verdict || "");
     if (!m.link) return;
     view.words = m.link;
+    if (m.link.bars) $("bars-row").hidden = false;
     lost.link(m.link);
     lostSum();
     if (m.link.whole_ms[0] !== null) charts.way.add(m.link.whole_ms[0]);
@@ -204,6 +220,17 @@ const link = new Link(token, {
     else if (m.link.silent_s >= 3) state("nothing comes from the daemon; waiting", "bad");
   },
 });
+const pointer = new Pointer($("stage"), $("value"), {
+  link, over: wantBars,
+  look: () => flame instanceof Flame && view.start ? { frame: orbit.frame(), fov: orbit.fov, look: flame.look, grid: view.start.grid, units: view.start.units } : null,
+});
+// Bars travel only for who looks at them.
+function wantBars() {
+  const want = $("bars").checked || pointer.over;
+  if (want === view.wantBars) return;
+  view.wantBars = want;
+  link.say({ bars: want });
+}
 const player = new Player($("film"), (o) => link.say(o));
 const orders = new Orders($("orders"), (o) => link.say(o));
 
@@ -232,6 +259,7 @@ function tick(now) {
     done();
     throw x;
   }
+  pointer.again();
   for (const c of Object.values(charts)) c.draw();
 }
 requestAnimationFrame(tick);
@@ -243,6 +271,7 @@ const on = (id, what) => { $(id).addEventListener("input", what); };
 on("exposure", () => { $("auto").checked = false; setExposure(); change(); });
 on("auto", () => { if ($("auto").checked && view.exposureKnown) { $("exposure").value = view.exposureAuto; setExposure(); change(); } });
 on("colours", () => { flame.look.colours = $("colours").value; legend(); change(); });
+on("bars", () => { wantBars(); link.show($("bars").checked ? "bars" : "flame"); legend(); change(); });
 on("box", () => { overlay.show.box = $("box").checked; change(); });
 on("frusta", () => { overlay.show.cameras = $("frusta").checked; change(); });
 overlay.show.cameras = $("frusta").checked;
@@ -307,7 +336,7 @@ setExposure();
 
 // For tests: the state, and pictures from a given place.
 window.pyrovox = {
-  view, orbit, flame: () => flame, link, lost, overlay,
+  view, orbit, flame: () => flame, link, lost, overlay, pointer,
   picture(w, h, eye, target, fov, exposure, colours = "grey", count = 0) {
     const was = { ...flame.look };
     Object.assign(flame.look, { exposure, colours, slices: false, clip: [0, 0, 0, 1, 1, 1] });

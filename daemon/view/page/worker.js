@@ -2,18 +2,28 @@
 // volume only what the texture needs goes on.
 import { read, Malformed } from "./pvx.js";
 import { Bricks, brightest, cells } from "./bricks.js";
+import { Probe } from "./probe.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
 const SILENT_MS = 5000; // the bridge says something every second
 let socket = null, url = "", token = "", tries = 0, session = "", most = 1 << 30, timer = 0, watch = 0, heard = 0;
 let events = new Set(); // that were seen, by session and sequence: a bridge tells the last ones to whoever comes
-let wants = { hidden: false, previews: false };
+let wants = { hidden: false, previews: false, bars: false };
 const bricks = new Bricks();
+let volume = null, bars = null, showBars = false; // the newest, and its error bars as far as they have come
 
 function say(o) {
   if (socket && socket.readyState === 1) socket.send(JSON.stringify(o));
 }
 
+const barsOf = (v) => bars && v && bars.session === v.session && bars.set === v.set ? bars : null;
+
+// What is shown of a volume: itself, or its bars, which are nothing where it has none.
+function shown(v) {
+  if (!showBars) return v;
+  const b = barsOf(v);
+  return { ...v, ids: b ? b.ids : new Uint32Array(0), half: b ? b.half : new Uint16Array(0) };
+}
 function texture(v, whole) {
   const t = whole || bricks.take(v), c = cells(v.grid, t.occupied), { half, ids, mask, ...about } = v;
   postMessage({ ...about, n_bricks: ids.length, bright: brightest(v), mask: mask.toString(), boxes: t.boxes, data: t.data, cells: c.out, cells_n: c.n },
@@ -22,10 +32,11 @@ function texture(v, whole) {
 
 function message(buffer) {
   const m = read(buffer, most);
-  if (m.kind === "other" || m.kind === "bars") return;
+  if (m.kind === "other") return;
   if (m.kind === "start" && m.session !== session) {
     session = m.session;
     bricks.forget();
+    volume = bars = null;
     postMessage({ kind: "session", session });
   }
   if (m.kind === "event") {
@@ -34,8 +45,16 @@ function message(buffer) {
     if (events.size > 500) events = new Set();
     events.add(id);
   }
-  if (m.kind === "volume") texture(m);
-  else if (m.kind === "preview") postMessage({ kind: "preview", set: m.set, cameras: m.cameras.map((k) => ({ ...k, jpeg: k.jpeg.slice(), bits: k.bits.slice() })) });
+  if (m.kind === "volume") {
+    volume = m;
+    texture(shown(m));
+    postMessage({ kind: "bars", set: m.set, has: Boolean(barsOf(m)), doubt: barsOf(m)?.doubt ?? 0 });
+  } else if (m.kind === "bars") {
+    bars = m;
+    if (!barsOf(volume)) return; // of the volume that follows
+    if (showBars) texture({ ...shown(volume), again: true, other: true });
+    postMessage({ kind: "bars", set: m.set, has: true, doubt: m.doubt });
+  } else if (m.kind === "preview") postMessage({ kind: "preview", set: m.set, cameras: m.cameras.map((k) => ({ ...k, jpeg: k.jpeg.slice(), bits: k.bits.slice() })) });
   else postMessage(m);
 }
 
@@ -81,8 +100,13 @@ onmessage = (e) => {
   if (m.connect) { ({ url, token, most } = m.connect); connect(); }
   if (m.retry) { tries = 0; connect(); }
   if (m.say) {
-    for (const k of ["hidden", "previews"]) if (k in m.say) wants[k] = m.say[k];
+    for (const k of ["hidden", "previews", "bars"]) if (k in m.say) wants[k] = m.say[k];
     say(m.say);
+  }
+  if (m.probe) postMessage({ kind: "probe", at: m.probe.at, ...new Probe(volume, barsOf(volume), showBars).ask(m.probe) });
+  if ("show" in m) {
+    showBars = m.show === "bars";
+    if (volume) texture({ ...shown(volume), again: true, other: true });
   }
   if (m.again) { const v = bricks.last, t = bricks.again(); if (t) texture({ ...v, again: true }, t); }
 };
