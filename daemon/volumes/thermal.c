@@ -25,6 +25,7 @@ struct vol_thermal {
     uint32_t nb[3], n_bricks, *brick_at; /* place of a brick + 1, 0: not there */
     uint64_t n_sets;
     int64_t t_first_ns;
+    float chunk[VOL_CHUNK * VOL_CHUNK * VOL_CHUNK];
 };
 
 static pvx_err thermal_fail(const vol_thermal *t, const char *what, struct pvx_diag *d)
@@ -173,10 +174,9 @@ static bool thermal_chunk(const vol_thermal *t, const float *value, const uint32
     return some;
 }
 
-static bool thermal_write(const vol_thermal *t, int k, const float *value, hid_t space)
+static bool thermal_write(vol_thermal *t, int k, const float *value, hid_t space)
 {
     const struct vol_tiles *c = &t->t;
-    static float room[VOL_CHUNK * VOL_CHUNK * VOL_CHUNK];
     bool ok = true;
     for (uint32_t id = 0; id < c->all && ok; id++) {
         const uint32_t at[3] = {id % c->n[0] * c->side[0], id / c->n[0] % c->n[1] * c->side[1],
@@ -186,11 +186,11 @@ static bool thermal_write(const vol_thermal *t, int k, const float *value, hid_t
             uint32_t left = t->grid.n[a] - at[a];
             n[3 - a] = left < c->side[a] ? left : c->side[a];
         }
-        if (!thermal_chunk(t, value, at, n, t->about[k].small, room))
+        if (!thermal_chunk(t, value, at, n, t->about[k].small, t->chunk))
             continue;
         hid_t memory = H5Screate_simple(RANK, n, NULL);
         ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, from, NULL, n, NULL) >= 0 &&
-             H5Dwrite(t->field[k], H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, room) >= 0;
+             H5Dwrite(t->field[k], H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, t->chunk) >= 0;
         H5Sclose(memory);
     }
     return ok;
