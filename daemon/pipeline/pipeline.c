@@ -20,6 +20,7 @@ struct dmn_pipeline {
     rec_solver *solver; /* the solve stage's */
     struct dmn_slot slot[DMN_N_SLOTS];
     rec_systems *systems[DMN_N_SYSTEMS];
+    rec_bars *bars[DMN_N_SLOTS]; /* of each slot's volume; NULL: none are wanted */
     pvx_queue *idle, *idle_systems, *to_solve, *to_sink;
     struct dmn_stage stage[DMN_N_STAGES];
     _Atomic int64_t waited_ns; /* by the solver, for a set, after its first */
@@ -194,12 +195,20 @@ static void pipeline_remember(dmn_pipeline *p, const struct dmn_slot *s)
     p->prev.value = p->prev_value;
 }
 
+/* After the solve, with the systems that it used. */
+static pvx_err solve_bars(dmn_pipeline *p, struct dmn_slot *s)
+{
+    rec_bars *b = p->bars[s - p->slot];
+    return b != NULL ? rec_frame_bars(s->frame, b, s->set, &s->bars) : PVX_OK;
+}
+
 static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
 {
     int64_t t0 = pvx_now_mono();
     tune_solve(p);
     int64_t until = dmn_deadline_at(&p->a.deadline, p->a.lossless ? t0 : s->t_last_mono_ns, t0);
     pvx_err e = rec_frame_solve(s->frame, until, p->prev.grid != NULL ? &p->prev : NULL);
+    PVX_THEN(e, solve_bars(p, s));
     if (e != PVX_OK) {
         LOG_EVERY_ABOUT(
             PVX_LOG_ERROR, RECON, ABOUT(.cause = "not_solved", .of_set = true, .set = s->set),
@@ -282,6 +291,8 @@ static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
     rec_solver_average(p->solver, a->average);
     for (size_t i = 0; i < (a->lossless ? DMN_N_SLOTS_LOSSLESS : slots); i++) {
         PVX_TRY(rec_frame_new_bare(p->carver, p->solver, &p->slot[i].frame, d));
+        if (a->bars > 0)
+            PVX_TRY(rec_bars_new(a->S, a->frame.nch, a->bars, &p->bars[i], d));
         pipeline_give_back(p, &p->slot[i]);
     }
     for (size_t i = 0; i < (a->lossless ? DMN_N_SYSTEMS_LOSSLESS : 2 + waiting); i++) {
@@ -346,8 +357,10 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     dmn_pipeline *p = *pp;
     if (p == NULL)
         return;
-    for (size_t i = 0; i < DMN_N_SLOTS; i++)
+    for (size_t i = 0; i < DMN_N_SLOTS; i++) {
         rec_frame_free(&p->slot[i].frame);
+        rec_bars_free(&p->bars[i]);
+    }
     for (size_t i = 0; i < DMN_N_SYSTEMS; i++)
         rec_systems_free(&p->systems[i]);
     rec_carver_free(&p->carver);

@@ -15,6 +15,7 @@
 #define DMN_PIPELINE_H
 #include "daemon/control/state.h"
 #include "daemon/pipeline/deadline.h"
+#include "recon/frame/bars.h"
 #include "recon/solve/average.h"
 
 /* The machine may do something else for a moment, whose length does not depend on the cameras' rate.  Sets that come
@@ -42,8 +43,9 @@ struct dmn_slot {
     uint64_t passed_over;   /* sets that were too old when this one was taken instead */
     uint32_t n_present;     /* cameras, and their bits: */
     uint64_t mask;
-    enum dmn_drop why;       /* DMN_N_DROP, or why there is no volume of it */
-    struct pvx_diag problem; /* the first problem of its images, "" = none */
+    enum dmn_drop why;         /* DMN_N_DROP, or why there is no volume of it */
+    struct pvx_diag problem;   /* the first problem of its images, "" = none */
+    struct rec_bars_view bars; /* error bars of its volume; sd NULL: none */
 };
 
 /* Where sets come from; called by the carve stage. */
@@ -72,6 +74,7 @@ struct dmn_pipeline_params { /* all pointers borrowed */
     rec_average *average; /* corrections of the cameras for all sets; NULL: each set by itself */
     float *const *background; /* [cameras] as for rec_carver_background, copied; or NULL */
     bool lossless, warm;      /* warm: a solve starts from the volume before */
+    uint32_t bars;            /* solves for the error bars of each volume; 0: none */
     size_t waiting;           /* sets before the solver, 1..DMN_WAITING_MAX; 0 is 1 */
     struct dmn_deadline
         deadline; /* counts from the set's last frame; lossless, from the solve's begin */

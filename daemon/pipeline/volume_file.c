@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "capture/files/imgio.h"
+#include "proto/pvp.h"
 
 static double volume_file_ms(int64_t ns)
 {
@@ -111,15 +112,23 @@ static cJSON *volume_file_describe(const char *path, const struct dmn_volume_met
     snprintf(whole, sizeof whole, "%lld", (long long)m->time_ns);
     cJSON_AddRawToObject(o, "time_ns", whole);
     cJSON_AddStringToObject(o, "clock", m->clock);
+    if (m->bars) { /* as the recorder writes it (daemon/volumes/npy.c) */
+        cJSON *bars = cJSON_AddObjectToObject(o, "bars");
+        cJSON_AddNumberToObject(bars, "doubt", m->doubt);
+        cJSON *names = cJSON_AddArrayToObject(bars, "doubts");
+        for (unsigned b = 0; pvp_doubt_name(b) != NULL; b++)
+            if ((m->doubt >> b & 1) != 0)
+                cJSON_AddItemToArray(names, cJSON_CreateString(pvp_doubt_name(b)));
+    }
     if (m->report != NULL)
         dmn_report_to_json(cJSON_AddObjectToObject(o, "solver"), m->report);
     return o;
 }
 
 pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const float *dense,
-                        struct pvx_diag *d)
+                        const float *sd, struct pvx_diag *d)
 {
-    char json[PATH_MAX];
+    char json[PATH_MAX], bars[PATH_MAX + 8];
     PVX_TRY(sidecar(path, json, sizeof json, d));
     cJSON *o = volume_file_describe(path, m);
     char *text = cJSON_Print(o);
@@ -132,6 +141,9 @@ pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const
         return e;
     size_t shape[4] = {(size_t)m->grid.n[2], (size_t)m->grid.n[1], (size_t)m->grid.n[0],
                        (size_t)m->nch};
+    snprintf(bars, sizeof bars, "%.*s.sd.npy", (int)strlen(path) - 4, path);
+    if (m->bars)
+        PVX_TRY(cap_npy_save(bars, sd, shape, 4, d));
     return cap_npy_save(path, dense, shape, 4, d);
 }
 

@@ -17,11 +17,13 @@ struct dmn_volume_meta {
     int64_t time_ns;                       /* 0 = not known */
     const char *clock;                     /* "CLOCK_REALTIME", "frame-number", ... */
     const struct rec_frame_report *report; /* or NULL */
+    bool bars; /* it has error bars, with these doubts (enum pvp_doubt) */
+    uint32_t doubt;
 };
 
-/* dense [nz][ny][nx][nch].  `path` ends in .npy.  Errors name the file: PVX_ENOSPC, PVX_EPERM, ... */
+/* dense [nz][ny][nx][nch]; sd, the same of its error bars, as NAME.sd.npy, if meta->bars.  `path` ends in .npy.  Errors name the file: PVX_ENOSPC, PVX_EPERM, ... */
 PVX_MUST_CHECK pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *meta,
-                                       const float *dense, struct pvx_diag *d);
+                                       const float *dense, const float *sd, struct pvx_diag *d);
 
 /* *grid in: the box to use when there is no .json; out: box, shape and basis of the volume.
  * A 3-dimensional array is one channel.  Owner of *dense: caller, free().

@@ -45,3 +45,17 @@ void dmn_wire_volume(const struct dmn_slot *s, const struct pvp_grid *grid, stru
                                           .total_ns = rec_frame_total_ns(r)}};
     snprintf(out->report.solver, sizeof out->report.solver, "%s", r->solve.solver);
 }
+
+_Static_assert(REC_BARS_POOR_FIT == (int)PVP_DOUBT_POOR_FIT &&
+                   REC_BARS_FEW_CAMERAS == (int)PVP_DOUBT_FEW_CAMERAS,
+               "doubts go out as they are");
+
+bool dmn_wire_bars(const struct dmn_slot *s, struct pvp_voxels *sd, uint32_t *doubt)
+{
+    const struct rec_bars_view *b = &s->bars;
+    if (b->sd == NULL)
+        return false;
+    *sd = (struct pvp_voxels){(uint32_t)b->n, b->index, b->sd, b->cs};
+    *doubt = b->doubt;
+    return true;
+}

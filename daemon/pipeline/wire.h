@@ -11,4 +11,6 @@ void dmn_wire_start(const struct rec_rig *rig, int nch, double fps, const char *
 /* The solved set of a slot; session, latency and time of publishing are 0.  voxels: borrowed from the slot's frame. */
 void dmn_wire_volume(const struct dmn_slot *s, const struct pvp_grid *grid, struct pvp_volume *out,
                      struct pvp_voxels *voxels);
+/* The standard deviations of its voxels, and bits of enum pvp_doubt; false: it has no error bars. */
+bool dmn_wire_bars(const struct dmn_slot *s, struct pvp_voxels *sd, uint32_t *doubt);
 #endif

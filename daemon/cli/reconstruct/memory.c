@@ -75,6 +75,8 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
     out->sets = DMN_N_SLOTS_LOSSLESS * slot(&z) + DMN_N_SYSTEMS_LOSSLESS * systems(&z) +
                 problem(&z) + problem(&coarse) + 1.4 * z.n * lane + bins * (5 + z.of_channels) +
                 bricks * 40 + voxels / 8 * sizeof(int32_t) + z.n + 1.3 * seen->slabs * (lane + 7);
+    if (o->bars > 0) /* modes and work areas of each slot, and the bricks that are written */
+        out->sets += (DMN_N_SLOTS_LOSSLESS + 1) * (o->bars + 6.0) * z.n * lane + problem(&z);
     if (p->temporal)
         out->sets += 2 * voxels * lane;
     if (o->save_hull != NULL)

@@ -8,12 +8,14 @@
 #include "daemon/volumes/parts.h"
 #include "daemon/config/config.h"
 #include "daemon/volumes/volumes.h"
+#include "recon/frame/bars.h"
 
 enum {
     OPT_SOLVER = 0x100,
     OPT_ITER,
     OPT_STOP,
     OPT_SELFCAL,
+    OPT_BARS,
     OPT_ABSORPTION,
     OPT_MEMORY,
     OPT_PLAN,
@@ -91,6 +93,12 @@ static const struct cli_row rows[] = {
      "on (default): correct gain and aim of the cameras in the solve, where the pictures show "
      "beyond chance that they are off; the report has both, with errors. gain: gain alone. Only "
      "pcg does it, with four cameras or more"},
+    {"error-bars", "=K", CLI_KEY(OPT_BARS), 0, 0,
+     "give each voxel one standard deviation, from K more solves of each set (4 to 64, default "
+     "16): "
+     "noise, what the cameras cannot see, and the rig's uncertainty. An HDF5 file also keeps what "
+     "`pyrovox value` needs for the bar of a sum. Takes up to 12 times as long. Only pcg can do "
+     "it"},
     {.help = "Silhouettes and hull:"},
     FRAMES_IN_PHOTO_ROWS(struct reconstruct_options),
     {"background", "DIR", AT(background), 0, 0,
@@ -188,6 +196,11 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
         solve->stop = stop[cli_arg_word(st, "stop", arg, STOPS)];
         o->stop_said = true;
         return 0;
+    case OPT_BARS:
+        o->bars = arg != NULL ? (uint32_t)cli_arg_whole(st, "error-bars", arg, REC_BARS_LEAST,
+                                                        REC_BARS_MOST)
+                              : REC_BARS_USUAL;
+        return 0;
     case OPT_SELFCAL: o->frame.selfcal = mode[cli_arg_word(st, "selfcal", arg, SELFCAL)]; return 0;
     case OPT_ABSORPTION:
         o->find_absorption = strcmp(arg, "auto") == 0;
@@ -225,6 +238,12 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
             argp_error(st, "--fit-volume needs the hull: it cannot go with --no-hull");
         if (o->frame.temporal && !rec_solver_is_default(o->frame.solve.solver))
             argp_error(st, "--temporal needs the solver %s", rec_solver_names()[0]);
+        if (o->bars > 0 && !rec_solver_is_default(o->frame.solve.solver))
+            argp_error(st, "--error-bars needs the solver %s", rec_solver_names()[0]);
+        if (o->bars > 0 && o->plan)
+            argp_error(st,
+                       "--plan predicts sets without --error-bars; with 16 solves a set takes up "
+                       "to 12 times as long");
         if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
                                &o->reading.mosaic))
             argp_error(st, "--bayer rays needs the solver %s and three channels",

@@ -92,7 +92,7 @@ static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_f
     struct dmn_volume_meta meta = {
         .grid = m->rig.grid, .nch = p->params->nch, .report = rec_frame_get_report(f)};
     pvx_err e = pvx_mkdirs(p->o->out, d);
-    PVX_THEN(e, dmn_volume_save(path, &meta, dense, d));
+    PVX_THEN(e, dmn_volume_save(path, &meta, dense, NULL, d));
     m->write_s = cli_seconds_since(t0);
     unlink(path);
     unlink(json);

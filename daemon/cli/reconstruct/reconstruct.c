@@ -45,9 +45,9 @@ struct job {
     struct reconstruct_part part; /* where out is one file */
 
     /* the sink's: */
-    hull_picture *picture; /* NULL = none wanted */
-    float *dense;
-    cJSON *list; /* of frames, in the report */
+    hull_picture *picture;   /* NULL = none wanted */
+    float *dense, *dense_sd; /* dense_sd: with error bars */
+    cJSON *list;             /* of frames, in the report */
     struct cli_progress bar;
     size_t sets;                    /* received so far */
     int64_t first_ns, last_ns;      /* when the first and the last came */
@@ -214,13 +214,19 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
     rec_frame_volume(s->frame, &v);
     if (!j->o->recording) {
         rec_sparse_to_dense(&v, j->dense);
+        struct rec_sparse sd = v;
+        sd.value = s->bars.sd;
+        if (sd.value != NULL)
+            rec_sparse_to_dense(&sd, j->dense_sd);
         snprintf(path, sizeof path, "%s/%06llu.npy", j->o->out, no);
         struct dmn_volume_meta m = {.grid = j->S->grid,
                                     .nch = j->params.nch,
                                     .frame = (int64_t)s->set,
                                     .clock = "frame-number",
-                                    .report = r};
-        PVX_TRY(dmn_volume_save(path, &m, j->dense, d));
+                                    .report = r,
+                                    .bars = s->bars.sd != NULL,
+                                    .doubt = s->bars.doubt};
+        PVX_TRY(dmn_volume_save(path, &m, j->dense, j->dense_sd, d));
     }
     reconstruct_hints_add(&j->hints, r, &v, j->o->fit ? &j->whole : NULL);
     return PVX_OK;
@@ -353,6 +359,7 @@ static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
                                     .background = o->background != NULL ? background : NULL,
                                     .lossless = true,
                                     .warm = o->warm,
+                                    .bars = o->bars,
                                     .deadline = {.limit_ns = (int64_t)(o->deadline_ms * 1e6)},
                                     .source = frames_in_source(&j->in),
                                     .sink = {.name = "save", .put = reconstruct_put, .ctx = j}};
@@ -391,7 +398,10 @@ static pvx_err reconstruct_prepare(struct job *j, struct pvx_diag *d)
     if (!o->recording)
         j->dense =
             pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
-    if (!o->recording && j->dense == NULL)
+    if (!o->recording && o->bars > 0)
+        j->dense_sd =
+            pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense_sd);
+    if (!o->recording && (j->dense == NULL || (o->bars > 0 && j->dense_sd == NULL)))
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
     if (!o->no_hull)
         PVX_TRY(rec_plausible_new(&j->rig, j->S->binning, &j->plausible));
@@ -406,6 +416,7 @@ static void reconstruct_finish(struct job *j)
     rec_average_free(&j->average);
     rec_plausible_free(&j->plausible);
     free(j->dense);
+    free(j->dense_sd);
     hull_picture_free(&j->picture);
     frames_in_close(&j->in);
     dmn_photometry_free(&j->light);

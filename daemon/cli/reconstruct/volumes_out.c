@@ -1,6 +1,7 @@
 #include "daemon/cli/reconstruct/volumes_out.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/mem.h"
 #include "daemon/cli/common/cli.h"
@@ -10,7 +11,9 @@
 struct volumes_out {
     vol_writer *w;
     struct pvp_start start;
-    struct vol_store store;
+    struct vol_store store, bars, mode;
+    float *modes; /* [n_modes][bricks][8^3][channels] */
+    size_t floats;
 };
 
 pvx_err volumes_out_new(const char *path, const struct rec_rig *rig, int nch, uint64_t session,
@@ -64,6 +67,34 @@ pvx_err volumes_out_copy(volumes_out *o, const char *from, uint64_t *n, uint64_t
     return e;
 }
 
+/* Error bars of the slot on the bricks of v. */
+static pvx_err volumes_out_bars(volumes_out *o, const struct dmn_slot *s, struct vol_volume *v)
+{
+    const struct pvp_grid *g = &o->start.grid;
+    const struct rec_bars_view *b = &s->bars;
+    struct pvp_voxels x;
+    size_t one = (size_t)v->n_bricks * PVP_BRICK * PVP_BRICK * PVP_BRICK * g->channels;
+    if (!dmn_wire_bars(s, &x, &v->bars.doubt))
+        return PVX_OK;
+    PVX_TRY(vol_from_voxels(&o->bars, g, &x));
+    if (b->n_modes * one > o->floats) {
+        free(o->modes);
+        o->floats = 0;
+        o->modes = malloc(b->n_modes * one * sizeof *o->modes);
+        PVX_NEED(o->modes);
+        o->floats = b->n_modes * one;
+    }
+    for (uint32_t k = 0; k < b->n_modes; k++) {
+        x.value = b->modes + (size_t)k * (size_t)b->n * (size_t)b->cs;
+        PVX_TRY(vol_from_voxels(&o->mode, g, &x));
+        memcpy(o->modes + k * one, o->mode.brick, one * sizeof *o->modes);
+    }
+    v->bars.sd = o->bars.brick;
+    v->bars.n_modes = b->n_modes;
+    v->bars.modes = o->modes;
+    return PVX_OK;
+}
+
 pvx_err volumes_out_put(volumes_out *o, const struct dmn_slot *s, struct pvx_diag *d)
 {
     const struct vol_gap gap = {VOL_GAP_UNREADABLE, s->set, s->set, 1};
@@ -74,10 +105,11 @@ pvx_err volumes_out_put(volumes_out *o, const struct dmn_slot *s, struct pvx_dia
     dmn_wire_volume(s, &o->start.grid, &v.v, &x);
     v.v.session = o->start.session;
     pvx_err e = vol_from_voxels(&o->store, &o->start.grid, &x);
+    v.n_bricks = o->store.n;
+    PVX_THEN(e, volumes_out_bars(o, s, &v));
     if (e != PVX_OK)
         return pvx_fail(d, e, "frame %06llu: %s", (unsigned long long)s->set,
                         e == PVX_ENOMEM ? "no memory for its volume" : "a value is not finite");
-    v.n_bricks = o->store.n;
     v.ids = o->store.ids;
     v.brick = o->store.brick;
     return vol_writer_put(o->w, &v, d);
@@ -90,6 +122,9 @@ pvx_err volumes_out_close(volumes_out **op, struct pvx_diag *d)
         return PVX_OK;
     pvx_err e = vol_writer_close(&o->w, d);
     vol_store_free(&o->store);
+    vol_store_free(&o->bars);
+    vol_store_free(&o->mode);
+    free(o->modes);
     PVX_FREE(*op);
     return e;
 }

@@ -141,9 +141,9 @@ static void value_say_bars(const struct value *v, const struct course *c)
     else if (c->with_modes == 0)
         fprintf(
             stderr,
-            "pyrovox: %s has error bars of single voxels alone, as a running daemon makes them: "
-            "sums, heights and volumes have none; `pyrovox reconstruct --error-bars` makes them "
-            "from the raw take\n",
+            "pyrovox: %s has error bars of single voxels alone, as folders and the recordings of a "
+            "running daemon have: sums, heights and volumes have none. `pyrovox reconstruct "
+            "--error-bars --out FILE.h5` makes them\n",
             v->in);
     else if (c->with_bars < c->n)
         fprintf(stderr, "pyrovox: %s: %zu of %zu sets have no error bars\n", v->in,
