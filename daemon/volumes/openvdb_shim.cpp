@@ -148,6 +148,14 @@ std::vector<GridBase::Ptr> make_grids(const vol_vdb_bricks &v)
     if (v.sd != nullptr)
         for (auto &grid : make_bars(v))
             all.push_back(grid);
+    if (v.kelvin != nullptr) {
+        vol_vdb_bricks of = v;
+        of.brick = v.kelvin;
+        of.channels = 1;
+        all.push_back(make_grid<FloatGrid>(of, "temperature", [](const float *p) { return p[0]; }));
+        all.back()->setGridClass(openvdb::GRID_FOG_VOLUME);
+        all.back()->setSaveFloatAsHalf(false); /* a half has steps of 1 K */
+    }
     return all;
 }
 

@@ -11,6 +11,7 @@
  * Grids: `density`, luminance (Rec. 709), and with three channels `emission` of vectors, or with `split`
  * red, green, blue.  A voxel is active if some channel is not 0.  With error bars also `emission_sd`, the deviation of
  * `density`, or with `split` red_sd, green_sd, blue_sd, active where they are not 0; they are not read back.
+ * A .vdb of temperatures also has `temperature` in kelvin, as floats, active where it is not 0; it is not read back.
  * .vdb is saved as half (values cut to +-65504), .nvdb as float.
  * The notes are a .vdb's metadata; NanoVDB has none, so there they are blind data of the first grid, called
  * VOL_NVDB_NOTES, in the same bytes as in a .vdb. */
@@ -26,7 +27,7 @@ extern "C" {
 #define VOL_VDB_NOEXCEPT
 #endif
 
-#define VOL_VDB_VERSION   5
+#define VOL_VDB_VERSION   6
 #define VOL_NVDB_NOTES    "pyrovox"
 #define VOL_VDB_NOTES_MAX 64
 
@@ -48,6 +49,7 @@ struct vol_vdb_bricks {
     const float *brick;  /* [n_bricks][8^3][channels] */
     const float *
         sd; /* the same of the error bars, only for the two functions that write files; NULL: none */
+    const float *kelvin; /* [n_bricks][8^3], only for write_vdb; NULL: none */
     const struct vol_vdb_note *notes;
     size_t n_notes;
 };

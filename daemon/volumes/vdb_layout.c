@@ -27,6 +27,7 @@ void vol_vdb_lay(struct vol_vdb_about *about, const struct vol_volume *v, struct
                                    .ids = v->ids,
                                    .brick = v->brick,
                                    .sd = v->bars.sd,
+                                   .kelvin = v->kelvin,
                                    .notes = note,
                                    .n_notes = vol_vdb_notes_make(about, note)};
     if (v->bars.sd != NULL) { /* one note more: readers take those that they know */

@@ -40,6 +40,8 @@ struct vol_volume {
     const uint32_t *ids; /* [n_bricks] */
     const float *brick;  /* [n_bricks][8^3][channels] */
     struct vol_bars bars;
+    const float *
+        kelvin; /* [n_bricks][8^3] a grid `temperature` of a .vdb, 0: none there; NULL: no such grid */
 };
 
 /* Sets that are missing: between two volumes, or before a session's first. */

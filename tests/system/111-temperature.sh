@@ -166,6 +166,28 @@ PY
 }
 check self_absorption_comes_back absorbed
 
+vdb() { # as Blender reads it: temperature in kelvin where there is soot
+    run "$pyrovox" temperature "$dir/burning" --rig "$dir/rig.yaml" --noise 0.002 --vdb "$dir/none" --out "$dir/no.h5"
+    says 1 '--vdb: ' 'so there is no temperature' && [ ! -e "$dir/none" ] && [ ! -e "$dir/no.h5" ] || return 1
+    run "$pyrovox" temperature "$dir/burning" --rig "$dir/spectral.yaml" --noise 0.002 --exposure 40 --quiet --vdb "$dir/vdb" --out "$dir/both.h5"
+    says 0 'soot of 1' && [ "$(ls "$dir"/vdb/*.vdb | wc -l)" = 5 ] || return 1
+    "$py" -c 'import pyopenvdb' 2> "$dir/log" || { echo "SKIP $name:vdb (apt-get install python3-openvdb)"; return 0; }
+    "$py" - "$dir" <<'PY'
+import glob, sys, h5py, numpy as np, pyopenvdb as vdb
+d = sys.argv[1]
+t, grids = h5py.File(d + "/both.h5", "r"), vdb.readAll(sorted(glob.glob(d + "/vdb/*.vdb"))[0])[0]
+grids = {g.name: g for g in grids}
+assert set(grids) == {"density", "temperature"}, grids
+for name, field in ("temperature", "temperature"), ("density", "soot"):
+    want = t[field][0]
+    a = np.zeros(want.shape[::-1], np.float32)
+    grids[name].copyToArray(a)
+    ok = np.isfinite(want)
+    assert grids[name].activeVoxelCount() == ok.sum() > 200 and np.allclose(a.T[ok], want[ok], 1e-3 if name == "density" else 1e-6, 1e-3), name
+PY
+}
+check vdb_in_kelvin vdb
+
 refused() {
     run "$pyrovox" temperature "$dir/blue" --rig "$dir/spectral.yaml" --noise 0.002 --quiet --out "$dir/blue.h5"
     says 0 "most of the light is not soot's" && soot blue none || return 1

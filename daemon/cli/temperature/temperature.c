@@ -7,6 +7,7 @@
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/temperature/shaded.h"
+#include "daemon/cli/temperature/vdb.h"
 #include "recon/geom/rig.h"
 
 struct temperature_args {
@@ -21,6 +22,9 @@ struct temperature_args {
 static const struct cli_row rows[] = {
     {"rig", "FILE", AT(rig), 0, 0, "rig.yaml with `spectral:` (pyrovox calibrate spectral)"},
     {"out", "FILE.h5", AT(out), 0, 0, "temperatures in HDF5, a new file"},
+    {"vdb", "DIR", AT(vdb), 0, 0,
+     "OpenVDB files too, a new folder: `density` is soot in ppm, `temperature` is in kelvin, as "
+     "Blender shows a black body"},
     {"noise", "F", AT(noise), 1e-6, 1,
      "where the recording has no error bars: standard deviation of the emission, as a share of "
      "each "
@@ -60,19 +64,19 @@ static error_t temperature_parse(int key, char *arg, struct argp_state *st)
 static const struct argp argp = {
     .parser = temperature_parse,
     .args_doc = "FLAME.h5",
-    .doc =
-        "Temperature and soot volume fraction of each voxel, from the three channels of a "
-        "recording of volumes.\vExamples:\n"
-        "  pyrovox temperature flame.h5 --rig spectral.yaml --noise 0.01 \\\n"
-        "          --out kelvin.h5\n"
-        "\n"
-        "The file has /temperature in kelvin and /soot in ppm, each with one standard deviation "
-        "(_sd), /chi2 and /state: 0 too little light, 1 soot, 2 not soot, 3 outside 800 to 3200 "
-        "K. Voxels that are not 1 have no temperature (NaN).\n"
-        "A rig without `spectral:` gives ratios of the channels alone. The bars hold noise and "
-        "the calibration's doubt, and not that of E(m), nor gradients within a voxel.\n"
-        "\n"
-        "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C; then nothing is written."};
+    .doc = "Temperature and soot volume fraction of each voxel, from the three channels of a "
+           "recording of volumes.\vExamples:\n"
+           "  pyrovox temperature flame.h5 --rig spectral.yaml --noise 0.01 \\\n"
+           "          --out kelvin.h5\n"
+           "\n"
+           "The file has /temperature in kelvin and /soot in ppm, each with one standard deviation "
+           "(_sd), /chi2 and /state: 0 too little light, 1 soot, 2 not soot, 3 outside 800 to 3200 "
+           "K. Voxels that are not 1 have no temperature (NaN).\n"
+           "A rig without `spectral:` gives ratios of the channels alone. The bars hold noise and "
+           "the calibration's doubt, and not that of E(m), nor gradients within a voxel.\n"
+           "\n"
+           "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C. Only after 0 there is an "
+           "OUT."};
 
 /* ---- what belongs together ---------------------------------------------------------------------- */
 
@@ -172,9 +176,14 @@ static pvx_err put_notes(const struct temperature_args *a, const struct rec_spec
     return vol_thermal_note(out, "absolute", s->absolute, NULL, d);
 }
 
+struct outputs {
+    vol_thermal *file;
+    struct temperature_vdb *vdb; /* or NULL */
+};
+
 static pvx_err each_volume(const struct temperature_args *a, vol_reader *r,
                            struct temperature_voxels *t, struct temperature_shaded *shaded,
-                           vol_thermal *out, struct pvx_diag *d)
+                           const struct outputs *to, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "temperature", .quiet = a->quiet};
     uint64_t n = vol_reader_count(r), done = 0;
@@ -187,7 +196,9 @@ static pvx_err each_volume(const struct temperature_args *a, vol_reader *r,
                                        : temperature_do(t, &v, &why);
             if (e != PVX_OK)
                 return pvx_fail(d, e, "%s: %s", a->in, pvx_diag_text(&why, e));
-            PVX_TRY(vol_thermal_put(out, &v, (const float *const *)t->field, d));
+            PVX_TRY(vol_thermal_put(to->file, &v, (const float *const *)t->field, d));
+            if (to->vdb != NULL)
+                PVX_TRY(temperature_vdb_put(to->vdb, &v, t, d));
             done++;
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
@@ -241,22 +252,40 @@ static pvx_err start_shade(const struct temperature_args *a, const struct rec_ri
     return temperature_shaded_init(out, rig, &h->start.grid, kappa);
 }
 
+static pvx_err temperature_write(const struct temperature_args *a, vol_reader *r,
+                                 const struct rec_rig *rig, struct temperature_voxels *t,
+                                 const struct outputs *to, struct pvx_diag *d)
+{
+    struct temperature_shaded shaded = {.room = 0};
+    pvx_err e = put_notes(a, rig->spectral, to->file, d);
+    if (e == PVX_OK && a->shade)
+        e = start_shade(a, rig, vol_reader_head(r), &shaded, d);
+    PVX_THEN(e, each_volume(a, r, t, a->shade ? &shaded : NULL, to, d));
+    temperature_shaded_fini(&shaded);
+    return e;
+}
+
 static pvx_err temperature_into(const struct temperature_args *a, vol_reader *r,
                                 const struct rec_rig *rig, struct temperature_voxels *t,
                                 struct pvx_diag *d)
 {
     const struct vol_head *h = vol_reader_head(r);
-    struct temperature_shaded shaded = {.room = 0};
-    vol_thermal *out;
+    struct temperature_vdb vdb = {.writer = NULL};
+    struct outputs to = {NULL, a->vdb != NULL ? &vdb : NULL};
     PVX_TRY(pvx_pool_new(a->threads, "soot", &t->pool));
+    if (a->vdb != NULL && t->soot == NULL)
+        return pvx_fail(d, PVX_EINVAL, "--vdb: %s has no `spectral:`, so there is no temperature",
+                        a->rig);
+    if (a->vdb != NULL)
+        PVX_TRY(vol_writer_check(VOL_VDB, a->vdb, d));
     PVX_TRY(vol_thermal_open(a->out, h, t->soot != NULL ? temperature_fields : temperature_ratios,
-                             t->soot != NULL ? TEMPERATURE_FIELDS : TEMPERATURE_RATIOS, &out, d));
-    pvx_err e = put_notes(a, rig->spectral, out, d);
-    if (e == PVX_OK && a->shade)
-        e = start_shade(a, rig, h, &shaded, d);
-    PVX_THEN(e, each_volume(a, r, t, a->shade ? &shaded : NULL, out, d));
-    temperature_shaded_fini(&shaded);
-    pvx_err closed = vol_thermal_close(&out, e == PVX_OK, d);
+                             t->soot != NULL ? TEMPERATURE_FIELDS : TEMPERATURE_RATIOS, &to.file,
+                             d));
+    pvx_err e = a->vdb != NULL ? temperature_vdb_open(&vdb, a->vdb, h, d) : PVX_OK;
+    PVX_THEN(e, temperature_write(a, r, rig, t, &to, d));
+    pvx_err vdb_closed = temperature_vdb_close(&vdb, d);
+    PVX_THEN(e, vdb_closed);
+    pvx_err closed = vol_thermal_close(&to.file, e == PVX_OK, d);
     return e != PVX_OK ? e : closed;
 }
 
@@ -297,7 +326,7 @@ static int temperature_run(int argc, char **argv)
     cli_parse(rows, &argp, 0, argc, argv, &a);
     cli_catch_stop();
     pvx_err e = temperature_all(&a, &d);
-    return cli_end(&d, e, true);
+    return cli_end(&d, e, a.vdb == NULL);
 }
 
 const struct cli_command cmd_temperature = {
