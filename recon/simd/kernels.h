@@ -40,8 +40,12 @@ void rec_kernels_avx2(struct rec_kernels *k);
 void rec_kernels_avx512(struct rec_kernels *k);
 void rec_windows_avx2(struct rec_kernels *k);
 void rec_windows_avx512(struct rec_kernels *k);
+void rec_adjoint1_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                       const float *y, float *x); /* these for the shapes where they are fastest */
+void rec_scatter1_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                       const float *x, float *y);
 void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
-                       const float *y, float *x); /* for the shapes where it is the fastest */
+                       const float *y, float *x);
 #endif
 
 #endif

@@ -167,42 +167,91 @@ INLINE void scatter4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 
 /* ---- one channel -------------------------------------------------------------------------------- */
 
+/* Rows v and v + pitch as one vector. */
+INLINE __m256 rows2(const float *v, size_t pitch)
+{
+    return _mm256_loadu2_m128(v + pitch, v);
+}
+/* Sums of one column over its windows: of rows 0 and 1, of 2 and 3, of row 2 where it is the last. */
+struct sums1 {
+    __m256 two, more;
+    __m128 one;
+};
+INLINE void sums1_add(struct sums1 *s, const uint8_t *w, __m256 two, __m256 more, int high)
+{
+    s->two = _mm256_fmadd_ps(weights8(w), two, s->two);
+    if (high == 3)
+        s->one = _mm_fmadd_ps(weights4(w + 8), _mm256_castps256_ps128(more), s->one);
+    if (high == 4)
+        s->more = _mm256_fmadd_ps(weights8(w + 8), more, s->more);
+}
+INLINE float sums1_all(const struct sums1 *s)
+{
+    return fold4(_mm_add_ps(s->one, fold(_mm256_add_ps(s->two, s->more))));
+}
+/* `columns`: one, or two whose windows lie at the same places; each bin is read once. */
+INLINE void adjoint1_columns(const struct walk *k, const float *y, float unit, float *x, int high,
+                             int columns)
+{
+    struct sums1 s[2] = {{_mm256_setzero_ps(), _mm256_setzero_ps(), _mm_setzero_ps()},
+                         {_mm256_setzero_ps(), _mm256_setzero_ps(), _mm_setzero_ps()}};
+    for (int32_t c = 0; c < k->slots; c++) {
+        const uint8_t *w = k->w + (size_t)c * (size_t)high * 4;
+        const float *v = y + k->at[c], *v2 = v + 2 * k->pitch[c];
+        __m256 two = rows2(v, k->pitch[c]), more = two;
+        if (high == 3)
+            more = _mm256_castps128_ps256(_mm_loadu_ps(v2));
+        if (high == 4)
+            more = rows2(v2, k->pitch[c]);
+        sums1_add(&s[0], w, two, more, high);
+        if (columns == 2)
+            sums1_add(&s[1], w + k->columns_w, two, more, high);
+    }
+    for (int i = 0; i < columns; i++)
+        x[i] = unit * sums1_all(&s[i]);
+}
 INLINE void adjoint1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *y, float *x, int high)
 {
     struct walk k;
     walk_from(&k, m, s, q0, (size_t)high * 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
-        __m256 two = _mm256_setzero_ps(), more = two;
-        __m128 one = _mm_setzero_ps();
-        for (int32_t c = 0; c < k.slots; c++) {
-            const uint8_t *w = k.w + (size_t)c * (size_t)high * 4;
-            const float *v = y + k.at[c];
-            two = _mm256_fmadd_ps(weights8(w), _mm256_loadu2_m128(v + k.pitch[c], v), two);
-            v += 2 * k.pitch[c];
-            if (high == 3)
-                one = _mm_fmadd_ps(weights4(w + 8), _mm_loadu_ps(v), one);
-            if (high == 4)
-                more =
-                    _mm256_fmadd_ps(weights8(w + 8), _mm256_loadu2_m128(v + k.pitch[c], v), more);
+        if (q + 1 < q1 && walk_two(&k)) {
+            adjoint1_columns(&k, y, m->unit, x + q++, high, 2);
+            walk_on(&k);
+        } else {
+            adjoint1_columns(&k, y, m->unit, x + q, high, 1);
         }
-        one = _mm_add_ps(one, fold(_mm256_add_ps(two, more)));
-        x[q] = m->unit * fold4(one);
     }
 }
 INLINE void add_row(float *y, __m128 w, __m128 x)
 {
     _mm_storeu_ps(y, _mm_fmadd_ps(w, x, _mm_loadu_ps(y)));
 }
-INLINE void scatter1_two(const struct walk *k, const float *x, float *y, int high)
+INLINE void put_rows2(float *v, size_t pitch, __m256 a)
 {
-    const __m128 x0 = _mm_set1_ps(x[0]), x1 = _mm_set1_ps(x[1]);
+    _mm_storeu_ps(v, _mm256_castps256_ps128(a));
+    _mm_storeu_ps(v + pitch, _mm256_extractf128_ps(a, 1));
+}
+/* `columns`: one, or two whose windows lie at the same places; each bin is read and written once. */
+INLINE void scatter1_columns(const struct walk *k, const float *x, float *y, int high, int columns)
+{
+    const __m256 x0 = _mm256_set1_ps(x[0]), x1 = _mm256_set1_ps(x[columns - 1]);
     for (int32_t c = 0; c < k->slots; c++) {
         const uint8_t *w = k->w + (size_t)c * (size_t)high * 4, *next = w + k->columns_w;
+        size_t pitch = k->pitch[c];
         float *v = y + k->at[c];
-        for (int r = 0; r < high; r++, v += k->pitch[c]) {
-            __m128 sum = _mm_fmadd_ps(weights4(w + 4 * r), x0, _mm_loadu_ps(v));
-            _mm_storeu_ps(v, _mm_fmadd_ps(weights4(next + 4 * r), x1, sum));
+        for (int r = 0; r + 2 <= high; r += 2, v += 2 * pitch) {
+            __m256 sum = _mm256_fmadd_ps(weights8(w + 4 * r), x0, rows2(v, pitch));
+            if (columns == 2)
+                sum = _mm256_fmadd_ps(weights8(next + 4 * r), x1, sum);
+            put_rows2(v, pitch, sum);
+        }
+        if (high == 3) {
+            __m128 sum = _mm_fmadd_ps(weights4(w + 8), _mm256_castps256_ps128(x0), _mm_loadu_ps(v));
+            if (columns == 2)
+                sum = _mm_fmadd_ps(weights4(next + 8), _mm256_castps256_ps128(x1), sum);
+            _mm_storeu_ps(v, sum);
         }
     }
 }
@@ -213,16 +262,10 @@ INLINE void scatter1_rows(const struct rec_windows *m, struct rec_slots s, int32
     walk_from(&k, m, s, q0, (size_t)high * 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         if (q + 1 < q1 && walk_two(&k)) {
-            scatter1_two(&k, x + q++, y, high);
+            scatter1_columns(&k, x + q++, y, high, 2);
             walk_on(&k);
-            continue;
-        }
-        __m128 xx = _mm_set1_ps(x[q]);
-        for (int32_t c = 0; c < k.slots; c++) {
-            const uint8_t *w = k.w + (size_t)c * (size_t)high * 4;
-            float *v = y + k.at[c];
-            for (int r = 0; r < high; r++, v += k.pitch[c])
-                add_row(v, weights4(w + 4 * r), xx);
+        } else {
+            scatter1_columns(&k, x + q, y, high, 1);
         }
     }
 }
@@ -375,6 +418,16 @@ REC_MORE_BY_SHAPE(adjoint4)
 REC_MORE_BY_SHAPE(scatter1)
 REC_MORE_BY_SHAPE(scatter4)
 
+void rec_adjoint1_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                       const float *y, float *x)
+{
+    adjoint1(m, s, q0, q1, y, x);
+}
+void rec_scatter1_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                       const float *x, float *y)
+{
+    scatter1(m, s, q0, q1, x, y);
+}
 void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                        const float *y, float *x)
 {
