@@ -79,6 +79,7 @@ static void json_report(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_str(j, "status", r->solve.solver == NULL ? "none" : rec_status_name(r->solve.status));
     dmn_json_str(j, "solver", r->solve.solver == NULL ? "" : r->solve.solver);
     dmn_json_int(j, "iterations", r->solve.iterations);
+    dmn_json_int(j, "blended_iterations", r->solve.blended);
     dmn_json_num(j, "rel_residual", r->solve.rel_residual);
     dmn_json_num(j, "noise", rec_frame_noise(r, s->nch));
     dmn_json_int(j, "active_voxels", r->active_voxels);

@@ -46,6 +46,7 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
     cJSON_AddStringToObject(o, "solver", r->solve.solver != NULL ? r->solve.solver : "");
     cJSON_AddStringToObject(o, "status", rec_status_name(r->solve.status));
     cJSON_AddNumberToObject(o, "iterations", r->solve.iterations);
+    cJSON_AddNumberToObject(o, "blended_iterations", r->solve.blended);
     cJSON_AddNumberToObject(o, "coarse_iterations", r->coarse_iterations);
     cJSON_AddNumberToObject(o, "best_iteration", r->solve.best);
     cJSON_AddNumberToObject(o, "rel_residual", r->solve.rel_residual);

@@ -47,6 +47,7 @@ struct rec_problem {
     size_t n_max, room; /* voxels of the grid; bins of a vector over rows */
 
     struct rec_selfcal *selfcal; /* or NULL: pictures are taken as they are */
+    struct rec_one *one;         /* room for blend.h; NULL with one channel */
 
     /* rec_problem_load */
     const struct rec_subsys *a;
@@ -102,6 +103,12 @@ struct rec_problem {
     int32_t *clipped;         /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
+};
+
+/* The channels of a problem as one, and the system of that. */
+struct rec_one {
+    rec_problem problem;
+    struct rec_subsys system;
 };
 
 /* One method: x from its start to the result.  It sets status, iterations, best, objective and lambda of the report,

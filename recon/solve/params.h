@@ -24,6 +24,10 @@ const char *rec_status_name(enum rec_status s); /* "converged" "max-iter" "deadl
 typedef void (*rec_trace_fn)(void *ctx, uint32_t iteration, const float *x, double objective,
                              double residual_norm);
 
+/* Whether the default solver may solve the channels as one for a while (blend.h): where its rules allow it, never, or
+ * wherever it can (tests). */
+enum rec_blend { REC_BLEND_AUTO, REC_BLEND_OFF, REC_BLEND_ON };
+
 struct rec_solve_params {
     const char *solver; /* NULL or "" = default */
     enum rec_stop stop;
@@ -32,7 +36,8 @@ struct rec_solve_params {
     float tolerance; /* REC_STOP_AUTO: stop when x moves by less than this share of ||x|| (stop.c: a
                         good start), or the objective falls by less than half of it */
     int64_t deadline_ns; /* mono clock; return the best iterate by then; 0 = none */
-    rec_trace_fn trace;  /* or NULL */
+    enum rec_blend blend;
+    rec_trace_fn trace; /* or NULL */
     void *trace_ctx;
 };
 #define REC_SOLVE_DEFAULTS                                                                       \
@@ -45,6 +50,7 @@ struct rec_solve_report {
     enum rec_status status;
     const char *solver;  /* static string */
     uint32_t iterations; /* done */
+    uint32_t blended;    /* of these, with the channels as one (recon/solve/blend.h) */
     uint32_t best;       /* iterate returned */
     double
         rel_residual; /* ||W^(1/2)(A x - b)|| / ||W^(1/2) b|| over A's rows, all channels; 0 for b = 0 */

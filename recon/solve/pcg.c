@@ -19,6 +19,7 @@
  * f there, which is feasible because the set is convex.  So f never rises.  When d is no descent direction, the lane
  * restarts from -M phi.
  * alpha, beta, lambda are per channel.
+ * A sharp flame on a large grid goes on with the sum of its channels after some iterations (blend.h).
  * From a coarser solution V and the automatic lambda are renewed some times (renewal.h): r and L x stay.  Between
  * renewals the objective never rises.  The report lists the iterations after which the objective is another one.
  * A frozen objective (impl.h) is (1b) with V, lambda, nu and xhat that the caller gives.
@@ -28,6 +29,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "recon/solve/blend.h"
 #include "recon/solve/bound.h"
 #include "recon/solve/renewal.h"
 #include "recon/solve/selfcal.h"
@@ -218,6 +220,137 @@ static void pcg_tell(const struct rec_pcg *t, const double rwr[4], struct rec_en
     memcpy(out->rwr, rwr, sizeof out->rwr);
 }
 
+/* ---- a solve ------------------------------------------------------------------------------------*/
+
+struct pcg_run {
+    struct rec_pcg t;
+    struct rec_renewal renewal;
+    struct rec_stopper stop;
+    double gamma[4], rwr[4], f[4];
+};
+
+/* f, M and phi of t->x, whose residual and second differences are known. */
+static void pcg_from_here(struct pcg_run *s)
+{
+    double cross[4];
+    pcg_value(&s->t, s->rwr, s->f);
+    precondition(&s->t);
+    differentiate(&s->t, s->t.pass->gradient, s->gamma, cross); /* phi of (3), phi'M phi */
+}
+
+/* V and lambda from x; f, M and phi of the new objective. */
+static void pcg_renew(struct pcg_run *s, struct rec_solve_report *out)
+{
+    struct rec_pcg *t = &s->t;
+    rec_problem *pb = t->pb;
+    double cross[4];
+    bool other = rec_selfcal_due(pb, s->renewal.done) && rec_selfcal_estimate(pb, t->r);
+    if (other) { /* b and r are others */
+        rec_selfcal_apply(pb);
+        refresh(t, s->rwr);
+    }
+    rec_renewal_take(&s->renewal, t, s->rwr, out); /* V and lambda from x */
+    pcg_value(t, s->rwr, s->f);
+    precondition(t);
+    differentiate(t, other ? t->pass->gradient : t->pass->regradient, s->gamma, cross);
+    rec_stop_anew(&s->stop, rec_lanes_total(s->f), s->renewal.restless);
+}
+
+/* x one iteration further; false: no lane can move any more. */
+static bool pcg_iterate(struct pcg_run *s)
+{
+    struct rec_pcg *t = &s->t;
+    const int most_tries =
+        t->pb->in.least != NULL ? 4 : 1; /* bounds: f is no parabola along a step */
+    double now[4];
+    if (!line_search(t, s->gamma)) /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
+        return false;
+    pcg_advance(t, (s->stop.k + 1) % REFRESH == 0, s->rwr); /* x = max(0, x + alpha d), r, q, lx */
+    pcg_value(t, s->rwr, now);
+    for (int tries = 0; tries < most_tries && risen(t->pb, now, s->f); tries++) {
+        go_back(t, s->f, now, s->rwr); /* x to the least f on the step's way */
+        pcg_value(t, s->rwr, now);
+    }
+    memcpy(s->f, now, sizeof s->f);
+    s->stop.moved = sqrt(rec_lanes_total(t->moved2) / rec_lanes_total(t->norm2));
+    return true;
+}
+
+/* phi of the new x, and beta. */
+static void pcg_turn(struct pcg_run *s)
+{
+    struct rec_pcg *t = &s->t;
+    double next[4], cross[4];
+    differentiate(t, t->pass->gradient, next, cross); /* phi, phi'M phi, phi'M phi_old */
+    for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
+        double beta = s->gamma[l] > 0 ? (next[l] - cross[l]) / s->gamma[l] : 0;
+        t->beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
+        s->gamma[l] = next[l];
+    }
+}
+
+/* Iterates until the stop.  may_blend: or until the channels go on as one (blend.h).  Then it returns how much sooner
+ * that stops, else 0. */
+static double pcg_until(struct pcg_run *s, bool may_blend, struct rec_solve_report *out)
+{
+    struct rec_pcg *t = &s->t;
+    struct rec_stopper *stop = &s->stop;
+    for (bool on = rec_stop_next(stop); on;) {
+        if (!pcg_iterate(s)) {
+            out->status = REC_CONVERGED;
+            break;
+        }
+        on = !rec_stop_after(stop, t->x, rec_lanes_total(s->f), rec_lanes_total(s->rwr)) &&
+             rec_stop_next(stop);
+        if (!on)
+            break;
+        bool due = rec_renewal_due(&s->renewal, stop->k, stop->moved) && !rec_late(stop->p);
+        if (may_blend && stop->k >= REC_BLEND_AFTER) {
+            double sooner = rec_blend_helps(t, stop, s->renewal.done);
+            may_blend = false;
+            if (sooner > 0) {
+                if (due)
+                    rec_renewal_take(&s->renewal, t, s->rwr, out);
+                return sooner;
+            }
+        }
+        pcg_turn(s);
+        if (due)
+            pcg_renew(s, out);
+    }
+    return 0;
+}
+
+/* Solves the channels as one to the stop, and gives all of them the result. */
+static void pcg_blend(struct pcg_run *all, double sooner, float *x, struct rec_solve_report *out)
+{
+    struct rec_pcg *t = &all->t;
+    struct rec_solve_params quiet = *all->stop.p;
+    struct pcg_run one = *all;
+    if (t->x != x) {
+        rec_copy_x(t->pb, x, t->x);
+        t->next = t->x;
+        t->x = x;
+    }
+    rec_blend_begin(t, &one.t, one.rwr);
+    quiet.trace = NULL; /* it knows iterates of all channels */
+    one.stop.p = &quiet;
+    one.stop.pb = one.t.pb;
+    one.stop.still *= sooner;
+    one.stop.gain *= sooner;
+    one.renewal.patient = true;
+    smoothness(&one.t);
+    pcg_from_here(&one);
+    rec_stop_anew(&one.stop, rec_lanes_total(one.f), false);
+    (void)pcg_until(&one, false, out);
+    rec_blend_end(t, &one.t);
+    out->blended = one.stop.k - all->stop.k;
+    rec_residual(t->pb, t->x, t->r, t->q, all->rwr);
+    smoothness(t);
+    pcg_value(t, all->rwr, all->f);
+    out->objective = rec_lanes_total(all->f);
+}
+
 void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                    struct rec_solve_report *out)
 {
@@ -227,91 +360,55 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                                      .gain = auto_stop ? 0.5 * (double)p->tolerance : STILL,
                                      .still = auto_stop ? (double)p->tolerance : 0};
     struct rec_pcg_passes table;
-    struct rec_pcg t = {.pb = pb,
-                        .smooth = {.run = pb->run, .diag2 = pb->diag2},
-                        .stiff = pb->stiff,
-                        .x = x,
-                        .next = pb->xv[0],
-                        .phi = pb->xv[1],
-                        .phi_old = pb->xv[2],
-                        .d = pb->xv[3],
-                        .lx = pb->xv[4],
-                        .ar = pb->xv[5],
-                        .expect = pb->expect,
-                        .lhat = pb->xv[REC_XV_LHAT],
-                        .scale = pb->xv[7],
-                        .r = pb->yv[0],
-                        .q = pb->yv[1],
-                        .pass = &table};
-    const struct rec_pcg_passes *pass = &table;
-    struct rec_renewal renewal;
-    struct rec_stopper stop;
-    double gamma[4], cross[4], rwr[4], f[4], now[4], next[4];
-    const int most_tries = pb->in.least != NULL ? 4 : 1; /* bounds: f is no parabola along a step */
+    struct pcg_run s = {.t = {.pb = pb,
+                              .smooth = {.run = pb->run, .diag2 = pb->diag2},
+                              .stiff = pb->stiff,
+                              .x = x,
+                              .next = pb->xv[0],
+                              .phi = pb->xv[1],
+                              .phi_old = pb->xv[2],
+                              .d = pb->xv[3],
+                              .lx = pb->xv[4],
+                              .ar = pb->xv[5],
+                              .expect = pb->expect,
+                              .lhat = pb->xv[REC_XV_LHAT],
+                              .scale = pb->xv[7],
+                              .r = pb->yv[0],
+                              .q = pb->yv[1],
+                              .pass = &table}};
+    struct rec_pcg *t = &s.t;
+    double lit[4];
 
     rec_pcg_passes_init(&table, pb->a->k->cpu);
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
-    pcg_begin(&t);
-    rec_start_residual(pb, x, rwr); /* r = A x - b, q = W r */
-    rec_bound_raise(pb, t.r, t.q, rwr);
-    smoothness(&t); /* lx = V L x */
+    pcg_begin(t);
+    rec_start_residual(pb, x, s.rwr); /* r = A x - b, q = W r */
+    rec_bound_raise(pb, t->r, t->q, s.rwr);
+    smoothness(t); /* lx = V L x */
     if (pb->start == REC_START_FITS && pb->frozen == NULL)
-        rec_renewal_stiffen(&t, t.penalty, next); /* V, lx from x */
-    pcg_value(&t, rwr, f);
-    precondition(&t);
-    differentiate(&t, pass->gradient, gamma, cross); /* phi of (3), phi'M phi */
-    out->objective = rec_lanes_total(f);
-    rec_renewal_begin(&renewal, pb);
-    rec_stop_begin(&stop, pb, &own, p, out);
-    for (bool on = rec_stop_next(&stop); on;) {
-        if (!line_search(&t, gamma)) { /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
-            out->status = REC_CONVERGED;
-            break;
-        }
-        pcg_advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
-        pcg_value(&t, rwr, now);
-        for (int tries = 0; tries < most_tries && risen(pb, now, f); tries++) {
-            go_back(&t, f, now, rwr); /* x to the least f on the step's way */
-            pcg_value(&t, rwr, now);
-        }
-        memcpy(f, now, sizeof f);
-        stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(t.norm2));
-        on = !rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)) &&
-             rec_stop_next(&stop);
-        if (!on)
-            break;
-        differentiate(&t, pass->gradient, next, cross); /* phi, phi'M phi, phi'M phi_old */
-        for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
-            double beta = gamma[l] > 0 ? (next[l] - cross[l]) / gamma[l] : 0;
-            t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
-            gamma[l] = next[l];
-        }
-        if (rec_renewal_due(&renewal, stop.k, stop.moved) && !rec_late(p)) {
-            bool other = rec_selfcal_due(pb, renewal.done) && rec_selfcal_estimate(pb, t.r);
-            if (other) { /* b and r are others */
-                rec_selfcal_apply(pb);
-                refresh(&t, rwr);
-            }
-            rec_renewal_take(&renewal, &t, rwr, out); /* V and lambda from x */
-            pcg_value(&t, rwr, f);
-            precondition(&t);
-            differentiate(&t, other ? pass->gradient : pass->regradient, gamma, cross);
-            rec_stop_anew(&stop, rec_lanes_total(f), renewal.restless);
-        }
-    }
+        rec_renewal_stiffen(t, t->penalty, lit); /* V, lx from x */
+    pcg_from_here(&s);
+    out->objective = rec_lanes_total(s.f);
+    rec_renewal_begin(&s.renewal, pb);
+    rec_stop_begin(&s.stop, pb, &own, p, out);
+    bool may_blend =
+        auto_stop && pb->start == REC_START_FITS && pb->frozen == NULL && p->blend != REC_BLEND_OFF;
+    double sooner = pcg_until(&s, may_blend, out);
+    if (sooner > 0)
+        pcg_blend(&s, sooner, x, out);
     if (rec_selfcal_due_last(pb))
-        (void)rec_selfcal_estimate(pb, t.r); /* for the next grid */
+        (void)rec_selfcal_estimate(pb, t->r); /* for the next grid */
     for (int l = 0; l < pb->nch; l++)
-        out->lambda += t.lambda[l] / pb->nch;
-    pcg_tell(&t, rwr, &pb->ended);
-    if (t.x != x)
-        rec_copy_x(pb, x, t.x);
-    if (rec_stop_end(&stop, x))
+        out->lambda += t->lambda[l] / pb->nch;
+    pcg_tell(t, s.rwr, &pb->ended);
+    if (t->x != x)
+        rec_copy_x(pb, x, t->x);
+    if (rec_stop_end(&s.stop, x))
         return;
-    out->residual_norm = sqrt(rec_lanes_total(rwr));
-    out->solution_norm = sqrt(rec_lanes_total(t.norm2));
+    out->residual_norm = sqrt(rec_lanes_total(s.rwr));
+    out->solution_norm = sqrt(rec_lanes_total(t->norm2));
     for (int l = 0; l < pb->nch; l++)
-        out->misfit2[l] = !pb->in.per_channel   ? rwr[l] * pb->nch / pb->m
-                          : pb->measured[l] > 0 ? rwr[l] / pb->measured[l]
+        out->misfit2[l] = !pb->in.per_channel   ? s.rwr[l] * pb->nch / pb->m
+                          : pb->measured[l] > 0 ? s.rwr[l] / pb->measured[l]
                                                 : 0;
 }

@@ -56,7 +56,9 @@ pvx_err rec_problem_new(const rec_sysmat *S, int nch, rec_problem **out)
     pb->room = S->win.room;
     pb->bytes = problem_lay_out(pb, NULL);
     pb->areas = pvx_reserve(pb->bytes);
-    if (pb->areas == NULL || rec_images_new(S, pb->cs, &pb->images) != PVX_OK) {
+    pb->one = nch == 3 ? pvx_calloc(1, sizeof *pb->one) : NULL;
+    if ((nch == 3 && pb->one == NULL) || pb->areas == NULL ||
+        rec_images_new(S, pb->cs, &pb->images) != PVX_OK) {
         rec_problem_free(&pb);
         return PVX_ENOMEM;
     }
@@ -69,6 +71,7 @@ void rec_problem_free(rec_problem **pb)
 {
     if (*pb == NULL)
         return;
+    free((*pb)->one);
     pvx_unreserve((*pb)->areas, (*pb)->bytes);
     rec_images_free(&(*pb)->images);
     PVX_FREE(*pb);

@@ -17,7 +17,8 @@ void rec_renewal_begin(struct rec_renewal *r, const rec_problem *pb)
 
 bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved)
 {
-    if (r->state == REC_WEIGHTS_FOLLOW && (moved <= SETTLED || k >= r->last + FOLLOWED))
+    bool settled = moved <= SETTLED && !r->patient;
+    if (r->state == REC_WEIGHTS_FOLLOW && (settled || k >= r->last + FOLLOWED))
         r->state = REC_WEIGHTS_DUE;
     return r->state == REC_WEIGHTS_DUE;
 }

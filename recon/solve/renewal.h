@@ -21,6 +21,7 @@ struct rec_renewal {
     uint32_t limit;      /* renewals, at most */
     uint32_t done, last; /* number of renewals; the iteration of the last one */
     bool restless;       /* the last renewal was restless */
+    bool patient;        /* every third iteration only */
 };
 
 void rec_renewal_begin(struct rec_renewal *r, const rec_problem *pb);

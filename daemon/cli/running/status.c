@@ -68,9 +68,12 @@ static void print_sets(const cJSON *s)
            ask_num(s, "spread_ms", "p50"), ask_num(s, "spread_ms", "p99"));
     printf("hull      %.0f voxels, %.0f rays, %.0f entries\n", ask_num(s, "last", "active_voxels"),
            ask_num(s, "last", "active_rays"), ask_num(s, "last", "entries"));
-    printf("solver    %s: %s after %.0f iterations, relative residual %.4f\n",
-           ask_text(s, "last", "solver"), ask_text(s, "last", "status"),
-           ask_num(s, "last", "iterations"), ask_num(s, "last", "rel_residual"));
+    printf(
+        "solver    %s: %s after %.0f iterations, %.0f with the channels as one, relative residual "
+        "%.4f\n",
+        ask_text(s, "last", "solver"), ask_text(s, "last", "status"),
+        ask_num(s, "last", "iterations"), ask_num(s, "last", "blended_iterations"),
+        ask_num(s, "last", "rel_residual"));
 }
 
 static void print_record(const cJSON *s)
