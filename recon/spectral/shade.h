@@ -5,7 +5,7 @@
  * k_q kappa over f at the channel's mean wavelength (soot.h (2)), f volume fraction.  A volume that was reconstructed without
  * absorption is, near enough, the emission times the mean of what reaches the cameras.  Blue is absorbed more than red, so without
  * (2) hidden soot looks colder.
- * This is of first order: it takes each camera's share of a voxel as the same.  Limit: k D about 1 (NUMERICS.md, 22).
+ * This is of first order: it takes each camera's share of a voxel as the same.  Measured up to k D of 0.6 (NUMERICS.md, 22).
  * D_c is a midpoint sum in steps of a voxel, f trilinear between centres and 0 outside.
  * Source: Beer and Lambert's law; the mean over views is our own.
  * Threads: pure.  Cost: voxels x cameras x voxels along the box, some 5 ns each. */

@@ -188,6 +188,16 @@ PY
 }
 check vdb_in_kelvin vdb
 
+bars() { # the recording's own, in place of --noise
+    "$pyrovox" reconstruct --rig "$dir/rig.yaml" --frames "$dir/frames" --black 0.02 --quiet --error-bars=4 --out "$dir/bars.h5" > "$dir/log" 2>&1 || return 1
+    run "$pyrovox" temperature "$dir/bars.h5" --rig "$dir/spectral.yaml" --exposure 40 --quiet --out "$dir/by-bars.h5"
+    says 0 'voxels with light' || return 1
+    "$py" -c 'import sys, h5py
+t = h5py.File(sys.argv[1], "r")
+assert "noise" not in t.attrs and (t["state"][:] > 0).sum() > 200' "$dir/by-bars.h5"
+}
+check bars_of_the_recording bars
+
 refused() {
     run "$pyrovox" temperature "$dir/blue" --rig "$dir/spectral.yaml" --noise 0.002 --quiet --out "$dir/blue.h5"
     says 0 "most of the light is not soot's" && soot blue none || return 1

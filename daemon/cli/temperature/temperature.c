@@ -227,8 +227,8 @@ static void say(const struct temperature_args *a, const struct temperature_voxel
            share * (double)s->state[REC_SOOT_DARK], share * (double)s->state[REC_SOOT_NOT],
            REC_SOOT_T_LO, REC_SOOT_T_HI, share * (double)s->state[REC_SOOT_OUTSIDE]);
     if (s->state[REC_SOOT_OK] > 0)
-        printf("soot of %.0f to %.0f K, %.0f K on average\n", s->coldest, s->hottest,
-               s->soot_kelvin / s->soot);
+        printf("soot of %.0f to %.0f K, %.0f K on average; chi^2 %.2f on average (1 by noise)\n",
+               s->coldest, s->hottest, s->soot_kelvin / s->soot, s->chi2 / s->judged);
     if (s->state[REC_SOOT_NOT] > s->state[REC_SOOT_OK])
         printf("most of the light is not soot's: a flame without soot, or curves, colours or gains "
                "that are not these cameras'\n");

@@ -50,6 +50,10 @@ static void covariance(const struct job *j, size_t at, double N[9])
 static void add_up(struct temperature_sums *s, const struct rec_soot_voxel *x)
 {
     s->state[x->state]++;
+    if (x->state == REC_SOOT_OK || x->state == REC_SOOT_NOT) {
+        s->chi2 += x->chi2;
+        s->judged++;
+    }
     if (x->state != REC_SOOT_OK)
         return;
     double weight = isfinite(x->f) ? x->f : 1;
@@ -139,6 +143,8 @@ static void sums_join(struct temperature_sums *to, const struct temperature_sums
     for (int k = 0; k < REC_N_SOOT_STATES; k++)
         to->state[k] += s->state[k];
     to->soot += s->soot;
+    to->chi2 += s->chi2;
+    to->judged += s->judged;
     to->soot_kelvin += s->soot_kelvin;
     to->hottest = fmax(to->hottest, s->hottest);
     if (s->coldest > 0)

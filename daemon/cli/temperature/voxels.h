@@ -28,6 +28,7 @@ struct temperature_voxels {
         uint64_t state[REC_N_SOOT_STATES]; /* voxels with light */
         double soot, soot_kelvin;          /* sums over soot, of f (or 1) and of f T */
         double hottest, coldest;           /* K */
+        double chi2, judged;               /* sum over soot and what is not, and their number */
     } sums;                                /* over all volumes */
 };
 /* One volume.  PVX_EINVAL: it has no bars, and noise is not known; PVX_ENOMEM. */
