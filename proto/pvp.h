@@ -94,10 +94,11 @@ struct pvp_volume {
 #define PVP_DOUBTS(X)                                                                      \
     X(0, POOR_FIT, "poor-fit",                                                             \
       "the model misses the pictures by more than noise, calibration and texture explain") \
-    X(1, FEW_CAMERAS, "few-cameras", "there are too few cameras to leave some out")        \
+    X(1, FEW_CAMERAS, "few-cameras", "there are fewer than five cameras")                  \
     X(2, SHARED, "shared",                                                                 \
       "an error that all cameras share shows, as absorption or an unknown body does")      \
-    X(3, LATE, "late", "too few draws have been made yet")
+    X(3, LATE, "late", "too few draws have been made yet")                                 \
+    X(4, BLURRED, "blurred", "noise hides detail that is finer than a few voxels")
 enum pvp_doubt {
 #define PVP_DOUBT_BIT(bit, id, name, sentence) PVP_DOUBT_##id = 1 << (bit),
     PVP_DOUBTS(PVP_DOUBT_BIT)

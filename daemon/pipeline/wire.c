@@ -47,7 +47,8 @@ void dmn_wire_volume(const struct dmn_slot *s, const struct pvp_grid *grid, stru
 }
 
 _Static_assert(REC_BARS_POOR_FIT == (int)PVP_DOUBT_POOR_FIT &&
-                   REC_BARS_FEW_CAMERAS == (int)PVP_DOUBT_FEW_CAMERAS,
+                   REC_BARS_FEW_CAMERAS == (int)PVP_DOUBT_FEW_CAMERAS &&
+                   REC_BARS_BLURRED == (int)PVP_DOUBT_BLURRED,
                "doubts go out as they are");
 
 bool dmn_wire_bars(const struct dmn_slot *s, struct pvp_voxels *sd, uint32_t *doubt)

@@ -11,7 +11,10 @@
 
 #define GAP   15.0 /* (3) */
 #define DRAWN 0.6  /* factor on (4) */
-#define PRIOR 0.25 /* share of the prior in a draw */
+#define PRIOR 0.25 /* share of the prior in it; from a weight of */
+#define SHARP 0.02 /* times the mean diagonal on they rise, and */
+#define DULL  0.5  /* from this one on both are 1 */
+#define BLUR  0.25 /* doubt: the weight of the best channel over the mean diagonal */
 #define HUE   2.0  /* (5) */
 #define LEAST 6    /* iterations, at least */
 #define VIEWS 80   /* J: iterations times cameras, at least: of few cameras each one matters more */
@@ -146,21 +149,32 @@ static void bars_leave(rec_bars *b, uint32_t cameras, uint32_t left)
 }
 
 /* d = by (x_k - x) for the mode that was solved last. */
-static void bars_about(rec_bars *b, float *d, double by)
+static void bars_about(rec_bars *b, float *d, const double by[4])
 {
     for (size_t i = 0; i < b->vector; i++)
-        d[i] = (float)by * (d[i] - b->f->x[i]);
+        d[i] = (float)by[i % b->cs] * (d[i] - b->f->x[i]);
+}
+
+/* From 0 to 1: how far the smoothness term hides what a channel's noise would hide. */
+static double bars_dull(const struct rec_perturb_fit *fit)
+{
+    double at = fit->unit > 0 ? log(fit->lambda / fit->unit / SHARP) / log(DULL / SHARP) : 1;
+    return at >= 1 ? 1 : at > 0 ? at : 0;
 }
 
 /* D; alone: without J. */
 static void bars_draw(rec_bars *b, uint32_t drawn, bool alone)
 {
+    double by[4] = {0};
     bars_still(b);
-    for (int l = 0; l < b->f->nch; l++)
+    for (int l = 0; l < b->f->nch; l++) {
+        double dull = alone ? 1 : bars_dull(&b->fit[l]);
         b->p.sigma[l] = sqrt(b->fit[l].noise2);
-    b->p.prior = alone ? 1 : PRIOR;
+        b->p.prior[l] = PRIOR + (1 - PRIOR) * dull;
+        by[l] = (DRAWN + (1 - DRAWN) * dull) * bars_student(drawn) / sqrt(drawn);
+    }
     for (b->p.draw = 0; b->p.draw < drawn; b->p.draw++)
-        bars_about(b, bars_solve(b), (alone ? 1 : DRAWN) * bars_student(drawn) / sqrt(drawn));
+        bars_about(b, bars_solve(b), by);
 }
 
 /* H. */
@@ -191,10 +205,14 @@ static void bars_hue(rec_bars *b)
 static uint32_t bars_doubt(const rec_bars *b, uint32_t cameras)
 {
     uint32_t doubt = cameras < REC_BARS_CAMERAS ? REC_BARS_FEW_CAMERAS : 0;
-    for (int l = 0; l < b->f->nch; l++)
-        if (b->fit[l].dark2 > 0 && b->fit[l].noise2 > POOR * b->fit[l].dark2)
+    double least = INFINITY;
+    for (int l = 0; l < b->f->nch; l++) {
+        const struct rec_perturb_fit *fit = &b->fit[l];
+        if (fit->dark2 > 0 && fit->noise2 > POOR * fit->dark2)
             doubt |= REC_BARS_POOR_FIT;
-    return doubt;
+        least = fit->unit > 0 ? fmin(least, fit->lambda / fit->unit) : least;
+    }
+    return least > BLUR ? doubt | REC_BARS_BLURRED : doubt;
 }
 
 pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars_view *out)
@@ -211,7 +229,7 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
     b->p.seed = seed;
     for (size_t c = 0; c < f->S->n_cameras; c++)
         cameras += f->sub->present[c];
-    bool few = cameras < REC_BARS_CAMERAS;
+    bool few = cameras < REC_BARS_LEAVES;
     uint32_t left = few ? 0 : b->K / 2;
     left = left < cameras ? left : cameras;
     rec_spread_begin(&b->spread, f->sub);

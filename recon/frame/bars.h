@@ -17,7 +17,9 @@
  *     H  hue, without a solve: a dim channel has lost detail that the best known channel r still has.  With <> the mean
  *        over the neighbourhood and g the degrees of freedom (lambda.c),
  *            d_c = HUE (1 - g_c/g_r)^(1/2) (x_r <x_c> / <x_r> - x_c)                                       (5)
- *        J counts noise once more, and the gaps by which the prior is wrong: hence DRAWN and only a share of the prior.
+ *        J counts noise once more, and more of what no view shows than the prior knows.  Hence DRAWN, and only a share
+ *        of the prior in a draw.  Where noise makes the weight large, all volumes of J have lost the same detail.  There
+ *        both factors are 1.
  * Few modes give each voxel's variance with a large error of its own.  So it is mixed with the mean over 3x3x3 voxels;
  * modes shrink where it falls, t^2 is the rest where it rises (spread.h).  Modes of J and D are longer by the factor by
  * which Student's distribution is wider than the normal one.
@@ -40,13 +42,14 @@ extern "C" {
 #define REC_BARS_LEAST   4
 #define REC_BARS_MOST    64
 #define REC_BARS_USUAL   16
-#define REC_BARS_CAMERAS 4 /* with fewer, none is left out */
+#define REC_BARS_LEAVES  4 /* cameras; with fewer, none is left out */
+#define REC_BARS_CAMERAS 5 /* with fewer, there is a doubt */
 
 /* Why bars may be too small. */
 enum {
-    REC_BARS_POOR_FIT =
-        1, /* the volume misses the pictures by more than noise and fine detail explain */
-    REC_BARS_FEW_CAMERAS = 2 /* fewer than REC_BARS_CAMERAS are believed */
+    REC_BARS_POOR_FIT = 1,    /* the volume misses the pictures by far more than their noise */
+    REC_BARS_FEW_CAMERAS = 2, /* fewer than REC_BARS_CAMERAS are believed */
+    REC_BARS_BLURRED = 16     /* the weight is so large that detail of a few voxels may be lost */
 };
 
 typedef struct rec_bars rec_bars;

@@ -186,7 +186,7 @@ static void perturb_rows(void *ctx, size_t k)
 static double perturb_prior(const rec_perturb *t, size_t l, double by)
 {
     double weight = t->frozen.lambda[l] * by;
-    return weight > 0 ? t->p->prior * t->p->sigma[l] / sqrt(weight) : 0;
+    return weight > 0 ? t->p->prior[l] * t->p->sigma[l] / sqrt(weight) : 0;
 }
 
 /* lhat = a L xhat + sigma (lambda V)^(-1/2) e2,  expect = xhat + sigma (lambda nu)^(-1/2) e3. */

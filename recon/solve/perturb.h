@@ -53,7 +53,7 @@ struct rec_perturbation {
     uint64_t seed;
     uint32_t draw;            /* number of e1 and e2 */
     double sigma[4];          /* of (3); 0: neither pictures nor prior are moved */
-    double prior;             /* factor on e2: 1 for (3) */
+    double prior[4];          /* factor on e2: 1 for (3) */
     const bool *out;          /* [cameras] left out; NULL: none */
     const double (*moved)[3]; /* [cameras] w, u, v of (5), bins; NULL: none */
     uint32_t iterations;

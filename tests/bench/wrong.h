@@ -28,6 +28,7 @@ struct wrong {
 static const struct wrong wrongs[] = {
     {.name = "exact"},
     {.name = "gains 3 %", .gains = 0.03},
+    {.name = "gains 5 %", .gains = 0.05},
     {.name = "gains 10 %", .gains = 0.1},
     {.name = "gains 20 %", .gains = 0.2},
     {.name = "poses 0.3 px", .poses = 0.3},

@@ -131,7 +131,7 @@ static void small_free(struct small *q)
 static struct rec_perturbation drawn(uint32_t k)
 {
     return (struct rec_perturbation){
-        .seed = 7, .draw = k, .sigma = {SIGMA}, .prior = 1, .iterations = 300};
+        .seed = 7, .draw = k, .sigma = {SIGMA}, .prior = {1}, .iterations = 300};
 }
 
 /* Covariance of many draws over the dense one: voxel by voxel and of a sum of voxels; their mean. */

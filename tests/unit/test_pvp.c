@@ -552,7 +552,7 @@ T_CASE(bars)
     T_EQ_I(pvp_encode_bars(e, 4, &s.v, 0, &x, &msg, &len), PVX_EINVAL);
     T_EQ_S(pvp_doubt_name(2), "shared");
     T_OK(strstr(pvp_doubt_sentence(3), "draws") != NULL);
-    T_OK(pvp_doubt_name(4) == NULL && pvp_doubt_sentence(31) == NULL);
+    T_OK(pvp_doubt_name(5) == NULL && pvp_doubt_sentence(31) == NULL);
     pvp_decoder_free(&dec);
     pvp_encoder_free(&e);
     free(volume);

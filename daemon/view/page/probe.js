@@ -78,9 +78,10 @@ export function figure(v, sd) {
 // PVP_DOUBTS of proto/pvp.h.
 export const DOUBTS = [
   "the model misses the pictures by more than noise, calibration and texture explain",
-  "there are too few cameras to leave some out",
+  "there are fewer than five cameras",
   "an error that all cameras share shows, as absorption or an unknown body does",
   "too few draws have been made yet",
+  "noise hides detail that is finer than a few voxels",
 ];
 export const doubts = (bits) => Array.from({ length: 32 }, (_, b) => b).filter((b) => bits >>> b & 1)
   .map((b) => DOUBTS[b] ?? "for a reason that this page does not know");
