@@ -5,8 +5,6 @@
 
 #include "base/mem.h"
 
-const char *const rec_spectral_channel[3] = {"red", "green", "blue"};
-
 /* ---- reading ---- */
 
 struct reader {
@@ -63,13 +61,13 @@ static pvx_err spectral_response(const struct reader *r, struct rec_spectral *s)
                              REC_SPECTRAL_HI);
     for (int q = 0; q < 3; q++) {
         double sum = 0;
-        PVX_TRY(spectral_list(r, rec_spectral_channel[q], n, 0, 1, s->response[q]));
+        PVX_TRY(spectral_list(r, rec_spectral_channel(q), n, 0, 1, s->response[q]));
         for (int i = 0; i < s->n; i++)
             sum += s->response[q][i];
         if (!(sum > 1e-6))
-            return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, r->map, rec_spectral_channel[q]),
+            return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, r->map, rec_spectral_channel(q)),
                                  "spectral", PVX_EINVAL, r->d, "the %s channel sees nothing",
-                                 rec_spectral_channel[q]);
+                                 rec_spectral_channel(q));
     }
     return PVX_OK;
 }
@@ -142,7 +140,7 @@ void rec_spectral_write(FILE *f, const struct rec_spectral *s)
         return;
     fprintf(f, "spectral:\n  from: %.17g  # nm\n  step: %.17g\n", s->from, s->step);
     for (int q = 0; q < 3; q++)
-        put_list(f, rec_spectral_channel[q], s->response[q], s->n);
+        put_list(f, rec_spectral_channel(q), s->response[q], s->n);
     put_list(f, "constant", s->constant, 3);
     put_list(f, "covariance", s->covariance, 9);
     fprintf(f, "  absolute: %s\n", s->absolute ? "true" : "false");

@@ -31,5 +31,9 @@ struct rec_spectral {
     bool absolute, has_exposure;
     double exposure; /* s */
 };
-extern const char *const rec_spectral_channel[3]; /* "red", "green", "blue" */
+static inline const char *rec_spectral_channel(int q)
+{
+    static const char *const name[3] = {"red", "green", "blue"};
+    return name[q];
+}
 #endif

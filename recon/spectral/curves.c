@@ -153,7 +153,7 @@ pvx_err rec_curve_response(const struct rec_curve *response, const struct rec_cu
         }
         if (!(sum > 0))
             return pvx_fail(d, PVX_EINVAL, "the %s channel sees nothing: its response%s is 0",
-                            rec_spectral_channel[q], filter != NULL ? " behind the filter" : "");
+                            rec_spectral_channel(q), filter != NULL ? " behind the filter" : "");
     }
     for (int q = 0; q < 3; q++)
         for (int i = 0; i < s->n; i++)

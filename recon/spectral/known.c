@@ -24,7 +24,7 @@ static pvx_err known_possible(const struct rec_known_source *l, const struct rec
                     d, PVX_EINVAL,
                     "the %s channel sees %.3g +- %.2g of the light of %g K: too little; expose "
                     "longer, or take a hotter source",
-                    rec_spectral_channel[q], k[i].value[q], k[i].sd[q], k[i].kelvin);
+                    rec_spectral_channel(q), k[i].value[q], k[i].sd[q], k[i].kelvin);
     }
     return PVX_OK;
 }
@@ -78,7 +78,7 @@ pvx_err rec_known_source(const struct rec_known_source *l, const struct rec_know
         s->constant[q] = exp(t.mean[q]);
         if (!(isfinite(s->constant[q]) && s->constant[q] > 0))
             return pvx_fail(d, PVX_EINVAL, "the %s channel sees nothing of the source",
-                            rec_spectral_channel[q]);
+                            rec_spectral_channel(q));
     }
     if (*scatter > REC_KNOWN_SCATTER)
         return pvx_fail(d, PVX_EINVAL,
@@ -92,7 +92,7 @@ pvx_err rec_known_source(const struct rec_known_source *l, const struct rec_know
             return pvx_fail(d, PVX_EINVAL,
                             "the %s channel's constant would be known to %.0f %% only: a constant "
                             "needs a thermometer better than %g K",
-                            rec_spectral_channel[q], 100 * sqrt(s->covariance[4 * q]),
+                            rec_spectral_channel(q), 100 * sqrt(s->covariance[4 * q]),
                             doubt->kelvin_sd);
     s->absolute = true;
     return PVX_OK;

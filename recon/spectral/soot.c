@@ -42,7 +42,7 @@ static pvx_err soot_apart(const struct rec_spectral *s, const struct rec_soot_pa
         double i = rec_planck_channel(s, q, BETWEEN_T, rec_soot_kappa, p, &slope);
         if (!(i > 0 && isfinite(slope)))
             return pvx_fail(d, PVX_EINVAL, "the %s channel sees nothing of soot",
-                            rec_spectral_channel[q]);
+                            rec_spectral_channel(q));
         least = fmin(least, -slope / i);
         most = fmax(most, -slope / i);
     }

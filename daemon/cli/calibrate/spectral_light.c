@@ -91,7 +91,7 @@ static pvx_err observe(const struct calibrate_light *l, const struct calibrate_s
                 d, PVX_EINVAL,
                 "camera %s: the %s channel sees %.4f of full scale in %s: the source should be in "
                 "the region (--region X,Y,W,H), brighter",
-                k->name, rec_spectral_channel[q], out->value[q], l->a->frames[g]);
+                k->name, rec_spectral_channel(q), out->value[q], l->a->frames[g]);
     return PVX_OK;
 }
 
