@@ -172,7 +172,7 @@ END
 check python_sd python
 
 known() { # value's bars are those of the covariance, worked out here by numpy from what the file says
-    run "$pyrovox" value 1.h5 --quiet --above 8 --csv all.csv; says 0 "±" "1 of 5 sets have no error bars" "bars in doubt" "too few cameras" || return 1
+    run "$pyrovox" value 1.h5 --quiet --above 8 --csv all.csv; says 0 "±" "1 of 5 sets have no error bars" "bars in doubt" "fewer than five cameras" || return 1
     run "$pyrovox" value 3.h5 --quiet --above 8 --csv box.csv --channel green --box=-0.1,-0.1,0.05,0.1,0.06,0.3; says 0 "±" || return 1
     run "$pyrovox" value live.h5 --quiet --csv live.csv; says 0 "of single voxels alone" "pyrovox reconstruct --error-bars" || return 1
     "$py" - << 'END'

@@ -50,7 +50,7 @@ refused() {
     run "$pyrovox" value vol --quiet; says 0 'of single voxels alone' '--error-bars --out FILE.h5' || return 1
     # two cameras: none can be left out, which the bars say
     run "$pyrovox" reconstruct --rig rig.yaml --cameras cam0,cam2,cam4 --frames take --black 0.02 --out few.h5 --error-bars=8 --last 0 --quiet; says 0 || return 1
-    run "$pyrovox" value few.h5 --quiet; says 0 'bars in doubt' 'too few cameras' && [ ! -e no.h5 ]
+    run "$pyrovox" value few.h5 --quiet; says 0 'bars in doubt' 'fewer than five cameras' && [ ! -e no.h5 ]
 }
 check a_recording_with_bars made
 check the_same_volume_and_the_same_bars same
