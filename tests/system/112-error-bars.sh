@@ -48,7 +48,7 @@ refused() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --plan --error-bars; says 2 'predicts sets without --error-bars' || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out parts.h5 --error-bars=9 --array 1/2 --quiet; says 1 '--error-bars 9' || return 1
     run "$pyrovox" value vol --quiet; says 0 'of single voxels alone' '--error-bars --out FILE.h5' || return 1
-    # two cameras: none can be left out, which the bars say
+    # three cameras are too few to leave one out, which the bars say
     run "$pyrovox" reconstruct --rig rig.yaml --cameras cam0,cam2,cam4 --frames take --black 0.02 --out few.h5 --error-bars=8 --last 0 --quiet; says 0 || return 1
     run "$pyrovox" value few.h5 --quiet; says 0 'bars in doubt' 'fewer than five cameras' && [ ! -e no.h5 ]
 }

@@ -307,7 +307,7 @@ def bars():
     assert "brightest along this line of sight" in text and abs(float(value) - best) <= 0.02 * best and 0.04 < float(bar) / float(value) < 0.15, (text, best)
     flame = pixels(page, (0, -2.0, 0.32), (0, 0, 0.32), 0.3)
     page.until("!document.getElementById('doubt').hidden")
-    assert "too few cameras" in page.eval("document.getElementById('doubt').innerText")
+    assert "fewer than five cameras" in page.eval("document.getElementById('doubt').innerText")
     clicks(page, "bars")
     page.until("document.getElementById('map-unit').innerText.includes('±')")
     page.until("pyrovox.view.bars.has")
