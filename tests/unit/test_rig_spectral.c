@@ -14,7 +14,7 @@
 #define CONSTANTS                      \
     "  constant: [1e-5, 2e-5, 3e-5]\n" \
     "  covariance: [4e-4,1e-4,0, 1e-4,4e-4,0, 0,0,9e-4]\n  absolute: true\n"
-#define WHERE "spectral:\n  from: 400\n  step: 100\n"
+#define WHERE "spectral:\n  from: 400\n  step: 50\n"
 
 static pvx_err parse(const char *text, struct rec_rig *r, struct pvx_diag *d)
 {
