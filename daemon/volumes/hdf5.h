@@ -63,8 +63,10 @@ bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */
 bool vol_hdf5_nexus(hid_t file, const struct vol_head *h);
-/* Axes and units of /emission_sd, and its place in NeXus: the errors of the signal. */
-bool vol_hdf5_errors(hid_t file, const struct vol_head *h);
+/* Axes and units of the dataset that is or becomes /emission_sd, and its place in NeXus: the errors of the signal. */
+bool vol_hdf5_errors(hid_t file, hid_t sd, const struct vol_head *h);
+/* A new group whose links lie in one piece: a link that is added is there or is not. */
+hid_t vol_hdf5_group(hid_t at, const char *name);
 /* The group that viewers of NeXus show by themselves, when the file is complete: one channel beside the other. */
 bool vol_hdf5_flame(hid_t file, const struct pvp_grid *g, uint64_t sets);
 /* The group that ParaView reads, on the same data of `sets` volumes.  Call it when the file is complete. */

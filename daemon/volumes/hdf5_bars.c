@@ -8,6 +8,8 @@
 
 #include "base/mem.h"
 
+#define MODES 32u /* a set may have, if the first one has fewer */
+
 /* Their columns.  H5T_* are no constants, so a function gives the type. */
 static const struct {
     const char *name;
@@ -35,45 +37,59 @@ uint64_t vol_bars_check(uint64_t chunks_hash, uint32_t number, uint32_t chunks)
 
 /* ---- writing ---- */
 
-static bool bars_column(hid_t sets, int c, uint64_t n, const struct vol_bars_row *rows, hid_t *out)
+/* A column of n rows, linked nowhere yet. */
+static bool bars_column(hid_t file, int c, uint64_t n, const struct vol_bars_row *rows, hid_t *out)
 {
     const size_t size = cols[c].wide ? 8 : 4;
-    hsize_t chunk = VOL_ROWS;
+    const hsize_t none = 0, most = H5S_UNLIMITED, chunk = VOL_ROWS;
+    hid_t space = H5Screate_simple(1, &none, &most), p = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_chunk(p, 1, &chunk);
+    *out = H5Dcreate_anon(file, col_type(c), space, p, H5P_DEFAULT);
+    H5Pclose(p);
+    H5Sclose(space);
     char *all = pvx_calloc(n, size);
     for (uint64_t k = 0; k < n && all != NULL; k++)
         memcpy(all + k * size, (const char *)&rows[k] + cols[c].offset, size);
-    bool ok = all != NULL && take_h5_make_table(sets, cols[c].name, col_type(c), 1, &chunk, out) &&
-              (n == 0 || take_h5_append(*out, col_type(c), 0, 0, n, all));
+    bool ok =
+        all != NULL && *out >= 0 && (n == 0 || take_h5_append(*out, col_type(c), 0, 0, n, all));
     free(all);
+    return ok;
+}
+
+static bool link_columns(hid_t file, int from, int to, const hid_t *col)
+{
+    hid_t sets = H5Gopen2(file, "sets", H5P_DEFAULT);
+    bool ok = sets >= 0;
+    for (int c = from; c < to && ok; c++)
+        ok = H5Olink(col[c], sets, cols[c].name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
+    H5Gclose(sets);
     return ok;
 }
 
 bool vol_bars_columns(hid_t file, const struct vol_bars_row *rows, uint64_t n, bool modes)
 {
-    hid_t sets = H5Gopen2(file, "sets", H5P_DEFAULT), col = -1;
-    bool ok = sets >= 0;
-    for (int c = 0; c < (modes ? VOL_BARS_COLS : VOL_BARS_OWN) && ok; c++) {
-        ok = bars_column(sets, c, n, rows, &col);
-        if (col >= 0)
-            H5Dclose(col);
-        col = -1;
-    }
-    H5Gclose(sets);
+    const int last = modes ? VOL_BARS_COLS : VOL_BARS_OWN;
+    hid_t col[VOL_BARS_COLS];
+    bool ok = true;
+    int made = 0;
+    while (made < last && ok)
+        ok = bars_column(file, made, n, rows, &col[made]) && ++made > 0;
+    ok = ok && link_columns(file, 0, last, col);
+    for (int c = 0; c < made; c++)
+        H5Dclose(col[c]);
     return ok;
 }
 
 /* Columns [from, to), whose rows so far say that there are none. */
 static bool make_columns(hid_t file, int from, int to, uint64_t n, struct vol_bars_file *b)
 {
-    hid_t sets = H5Gopen2(file, "sets", H5P_DEFAULT);
     struct vol_bars_row *rows = pvx_calloc(n, sizeof *rows);
-    bool ok = sets >= 0 && rows != NULL;
+    bool ok = rows != NULL;
     for (uint64_t k = 0; k < n && ok; k++)
         rows[k].doubt = VOL_NO_BARS;
     for (int c = from; c < to && ok; c++)
-        ok = bars_column(sets, c, n, rows, &b->col[c]);
+        ok = bars_column(file, c, n, rows, &b->col[c]);
     free(rows);
-    H5Gclose(sets);
     return ok;
 }
 
@@ -97,22 +113,38 @@ bool vol_bars_append(const struct vol_bars_file *b, uint64_t n, const struct vol
     return true;
 }
 
+/* A kill at any moment leaves a whole file: what is new is on the disk before anything leads to it, and readers look for it
+ * by its link in the root, which comes last. */
+static bool link_in(hid_t file, hid_t set, const char *name, int from, int to,
+                    const struct vol_bars_file *b)
+{
+    return H5Fflush(file, H5F_SCOPE_LOCAL) >= 0 && link_columns(file, from, to, b->col) &&
+           H5Fflush(file, H5F_SCOPE_LOCAL) >= 0 &&
+           H5Olink(set, file, name, H5P_DEFAULT, H5P_DEFAULT) >= 0 &&
+           H5Fflush(file, H5F_SCOPE_LOCAL) >= 0;
+}
+
 bool vol_bars_make(hid_t file, const struct vol_head *h, const struct vol_bars *bars,
                    uint64_t n_sets, struct vol_bars_file *b)
 {
     const struct pvp_grid *g = &h->start.grid;
     bool ok = true;
     if (b->sd < 0) {
-        b->sd = vol_pack_make(file, "emission_sd", g, 0);
+        b->sd = vol_pack_make(file, NULL, g, 0);
         ok = b->sd >= 0 && make_columns(file, 0, VOL_BARS_OWN, n_sets, b) &&
-             reach(b->sd, g, n_sets, 0) && vol_hdf5_errors(file, h);
+             reach(b->sd, g, n_sets, 0) && H5Fflush(file, H5F_SCOPE_LOCAL) >= 0 &&
+             vol_hdf5_errors(file, b->sd, h) &&
+             link_in(file, b->sd, "emission_sd", 0, VOL_BARS_OWN, b);
     }
     if (ok && b->modes < 0 && bars->n_modes > 0) {
         b->n_modes = bars->n_modes;
-        b->modes = vol_pack_make(file, "emission_modes", g, bars->n_modes);
+        b->most = 2 * bars->n_modes < MODES ? MODES : 2 * bars->n_modes;
+        b->most = b->most < VOL_MODES_MAX ? b->most : VOL_MODES_MAX;
+        b->modes = vol_pack_make(file, NULL, g, b->most);
         ok = b->modes >= 0 && make_columns(file, VOL_BARS_OWN, VOL_BARS_COLS, n_sets, b) &&
              reach(b->modes, g, n_sets, b->n_modes) &&
-             take_h5_put_text(b->modes, "units", h->start.units);
+             take_h5_put_text(b->modes, "units", h->start.units) &&
+             link_in(file, b->modes, "emission_modes", VOL_BARS_OWN, VOL_BARS_COLS, b);
     }
     return ok;
 }

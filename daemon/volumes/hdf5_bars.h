@@ -16,7 +16,8 @@ struct vol_bars_row {
 struct vol_bars_file {
     hid_t sd, modes; /* -1: not in this file */
     hid_t col[VOL_BARS_COLS];
-    uint32_t n_modes; /* of a set, at most */
+    uint32_t n_modes; /* of a set, at most, so far */
+    uint32_t most;    /* that a set may have, of a file that is written */
     bool sd_chunked, modes_chunked;
 };
 #define VOL_BARS_FILE         \

@@ -101,11 +101,22 @@ static bool also(hid_t file, const char *from, hid_t group, const char *name)
     return H5Lcreate_hard(file, from, group, name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
 }
 
+hid_t vol_hdf5_group(hid_t at, const char *name)
+{
+    enum { MOST = 64, NAME = 16 }; /* links, letters of their names */
+    hid_t p = H5Pcreate(H5P_GROUP_CREATE);
+    H5Pset_link_phase_change(p, MOST, 0);
+    H5Pset_est_link_info(p, MOST, NAME);
+    hid_t g = H5Gcreate2(at, name, H5P_DEFAULT, p, H5P_DEFAULT);
+    H5Pclose(p);
+    return g;
+}
+
 /* NeXus groups, by which h5web, silx and NeXpy show the data by themselves: `entry`, and what is shown in it. */
 static hid_t make_entry(hid_t f, const char *name, const char *signal, hsize_t rank)
 {
     hid_t entry = H5Gcreate2(f, name, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    hid_t data = H5Gcreate2(entry, "data", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t data = vol_hdf5_group(entry, "data");
     bool ok =
         take_h5_put_text(f, "default", name) && take_h5_put_text(entry, "NX_class", "NXentry") &&
         take_h5_put_text(entry, "default", "data") &&
@@ -185,15 +196,13 @@ bool vol_hdf5_nexus(hid_t file, const struct vol_head *h)
     return ok;
 }
 
-bool vol_hdf5_errors(hid_t file, const struct vol_head *h)
+bool vol_hdf5_errors(hid_t file, hid_t sd, const struct vol_head *h)
 {
-    hid_t sd = H5Dopen2(file, "emission_sd", H5P_DEFAULT);
     hid_t data = H5Gopen2(file, "entry/data", H5P_DEFAULT);
-    bool ok = sd >= 0 && data >= 0 && put_scales(file, sd, VOL_RANK) &&
+    bool ok = data >= 0 && put_scales(file, sd, VOL_RANK) &&
               take_h5_put_text(sd, "units", h->start.units) &&
               take_h5_put_text(sd, "long_name", "one standard deviation of emission") &&
-              also(file, "/emission_sd", data, "emission_errors");
+              H5Olink(sd, data, "emission_errors", H5P_DEFAULT, H5P_DEFAULT) >= 0;
     H5Gclose(data);
-    H5Dclose(sd);
     return ok;
 }

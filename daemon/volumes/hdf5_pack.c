@@ -141,11 +141,11 @@ uint64_t vol_pack_hash(const struct vol_packer *w, uint64_t seed, uint32_t first
     return seed;
 }
 
-hid_t vol_pack_make(hid_t file, const char *name, const struct pvp_grid *g, uint32_t modes)
+hid_t vol_pack_make(hid_t file, const char *name, const struct pvp_grid *g, uint32_t most_modes)
 {
     const struct vol_tiles t = vol_tiles(g);
-    hsize_t now[VOL_RANK + 1] = {0, modes}, most[VOL_RANK + 1], chunk[VOL_RANK + 1] = {1, 1};
-    const int lead = modes > 0 ? 2 : 1;
+    hsize_t now[VOL_RANK + 1] = {0}, most[VOL_RANK + 1], chunk[VOL_RANK + 1] = {1, 1};
+    const int lead = most_modes > 0 ? 2 : 1;
     for (int a = 0; a < 3; a++) {
         now[lead + a] = g->n[2 - a];
         chunk[lead + a] = t.side[2 - a];
@@ -153,11 +153,15 @@ hid_t vol_pack_make(hid_t file, const char *name, const struct pvp_grid *g, uint
     now[lead + 3] = chunk[lead + 3] = g->channels;
     memcpy(most, now, sizeof most);
     most[0] = H5S_UNLIMITED;
+    if (most_modes > 0)
+        most[1] = most_modes;
     hid_t space = H5Screate_simple(lead + 4, now, most), p = H5Pcreate(H5P_DATASET_CREATE);
     H5Pset_chunk(p, lead + 4, chunk);
     H5Pset_shuffle(p);
     H5Pset_deflate(p, LEVEL);
-    hid_t s = H5Dcreate2(file, name, H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT);
+    hid_t s = name != NULL
+                  ? H5Dcreate2(file, name, H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT)
+                  : H5Dcreate_anon(file, H5T_IEEE_F32LE, space, p, H5P_DEFAULT);
     H5Pclose(p);
     H5Sclose(space);
     return s;

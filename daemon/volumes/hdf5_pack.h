@@ -34,6 +34,7 @@ PVX_MUST_CHECK pvx_err vol_pack(struct vol_packer *p, uint32_t n, const uint32_t
 bool vol_pack_put(const struct vol_packer *p, hid_t to, uint64_t set, int mode);
 /* Adds their hashes; `first` is added to their ids. */
 uint64_t vol_pack_hash(const struct vol_packer *p, uint64_t seed, uint32_t first);
-/* A new dataset of that shape, which grows in sets; modes 0: without that dimension. */
-hid_t vol_pack_make(hid_t file, const char *name, const struct pvp_grid *g, uint32_t modes);
+/* A new dataset of that shape, which grows in sets, and in modes up to `most`; 0: without that dimension.  name NULL: not
+ * linked yet. */
+hid_t vol_pack_make(hid_t file, const char *name, const struct pvp_grid *g, uint32_t most);
 #endif

@@ -151,18 +151,24 @@ static pvx_err put_bars(struct out *w, const struct vol_volume *v, uint64_t row_
                                                     : hdf5_write_fail(w, "cannot be written", d);
 }
 
+/* Another set may have more of them. */
+static pvx_err more_modes(struct out *w, const struct vol_volume *v, struct pvx_diag *d)
+{
+    uint32_t n = v->bars.sd != NULL ? v->bars.n_modes : 0;
+    if (n > w->bars.most)
+        return pvx_fail(d, PVX_ERANGE,
+                        "%s: set %llu has error bars of %u modes, the recording has room for %u",
+                        w->path, (unsigned long long)v->v.set, n, w->bars.most);
+    w->bars.n_modes = n > w->bars.n_modes ? n : w->bars.n_modes;
+    return PVX_OK;
+}
+
 /* Nothing new can be made in a file in SWMR mode, so it is closed and opened again, once or twice in its life. */
 static pvx_err begin_bars(struct out *w, const struct vol_volume *v, struct pvx_diag *d)
 {
     const struct vol_bars *bars = &v->bars;
     if (bars->sd == NULL || (w->bars.sd >= 0 && (w->bars.modes >= 0 || bars->n_modes == 0)))
-        return bars->sd == NULL || bars->n_modes <= w->bars.n_modes
-                   ? PVX_OK
-                   : pvx_fail(d, PVX_ERANGE,
-                              "%s: set %llu has error bars of %u modes, the recording has room for "
-                              "%u",
-                              w->path, (unsigned long long)v->v.set, bars->n_modes,
-                              w->bars.n_modes);
+        return more_modes(w, v, d);
     struct vol_head head = {.start = {.grid = w->grid}};
     memcpy(head.start.units, w->units, sizeof w->units);
     PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, 0, d));
@@ -224,7 +230,7 @@ static pvx_err hdf5_write_hdf5_gap(void *self, const struct vol_gap *g, struct p
 static bool make_columns(struct out *w)
 {
     hsize_t rows = VOL_ROWS;
-    hid_t sets = H5Gcreate2(w->file, "sets", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t sets = vol_hdf5_group(w->file, "sets");
     hid_t gaps = H5Gcreate2(w->file, "gaps", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     bool ok = sets >= 0 && gaps >= 0;
     for (int k = 0; k < VOL_COLUMNS && ok; k++)

@@ -265,6 +265,14 @@ static bool put_emission(struct joining *w)
     return put_view(w, &(struct view){"/emission", 0});
 }
 
+static bool join_put_errors(struct joining *w)
+{
+    hid_t sd = H5Dopen2(w->file, "emission_sd", H5P_DEFAULT);
+    bool ok = sd >= 0 && vol_hdf5_errors(w->file, sd, &w->head);
+    H5Dclose(sd);
+    return ok;
+}
+
 /* Once /sets and the groups of NeXus are there. */
 static bool join_put_bars(struct joining *w)
 {
@@ -276,8 +284,7 @@ static bool join_put_bars(struct joining *w)
     }
     return !sd || (put_view(w, &(struct view){"/emission_sd", 0}) &&
                    (modes == 0 || put_view(w, &(struct view){"/emission_modes", modes})) &&
-                   vol_bars_columns(w->file, w->bars, w->n, modes > 0) &&
-                   vol_hdf5_errors(w->file, &w->head));
+                   vol_bars_columns(w->file, w->bars, w->n, modes > 0) && join_put_errors(w));
 }
 
 static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)

@@ -21,12 +21,11 @@ struct vol_head {
 };
 
 /* Error bars.  With modes d_k, the covariance of a channel's voxels is sum_k d_k d_k' + diag(t^2), where
- * t^2 = sd^2 - sum_k d_k^2 (0 if that is below 0).  All of 0: there are none. */
+ * t^2 = sd^2 - sum_k d_k^2 (0 if that is below 0).  All of 0: there are none.
+ * A recording takes twice as many modes as its first set with any has, and 32 in any case. */
 struct vol_bars {
-    const float *sd; /* [n_bricks][8^3][channels], one standard deviation; NULL: no bars */
-    uint32_t
-        n_modes; /* 0: not known, so that sums over voxels have no bar; at most as in a recording's first set
-                         * that has any */
+    const float *sd;    /* [n_bricks][8^3][channels], one standard deviation; NULL: no bars */
+    uint32_t n_modes;   /* 0: not known, so that sums over voxels have no bar */
     const float *modes; /* [n_modes][n_bricks][8^3][channels] */
     uint32_t doubt;     /* bits of enum pvp_doubt: why the bars may be too small */
 };

@@ -6,7 +6,9 @@
 #include "../t.h"
 
 #include <hdf5.h>
+#include <signal.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "base/file.h"
@@ -103,7 +105,7 @@ static void come_back(const int *modes, size_t n, uint32_t channels)
 
 T_CASE_OF_THREADS(bars_come_back)
 {
-    static const int all[] = {3, 3, 3}, none[] = {-1, -1}, later[] = {-1, -1, 0, 0, 2, -1, 1};
+    static const int all[] = {3, 3, 3}, none[] = {-1, -1}, later[] = {-1, -1, 0, 0, 2, -1, 4};
     static const int between[] = {2, -1, 2}, only_sd[] = {0, 0};
     for (uint32_t c = 1; c <= 3; c += 2) {
         come_back(all, 3, c);
@@ -122,16 +124,18 @@ T_CASE(more_modes_than_there_is_room_for)
     start = volumes_start(16, 16, 16, 1);
     vol_writer *w = begin(VOL_HDF5, at("v.h5"));
     put(w, 1, 2);
-    struct made_volume m = make(2, 3, &owned);
+    put(w, 2, 5); /* more cameras gave a frame */
+    struct made_volume m = make(3, 33, &owned);
     T_EQ_I(vol_writer_put(w, &m.v, &d), PVX_ERANGE);
-    T_CONTAINS(d.text, "set 2 has error bars of 3 modes, the recording has room for 2");
+    T_CONTAINS(d.text, "set 3 has error bars of 33 modes, the recording has room for 32");
     vol_store_free(&m.store);
     free(owned);
-    put(w, 3, 1);
+    put(w, 4, 1);
     finish(w);
-    vol_reader *r = open_it(at("v.h5"), 2);
+    vol_reader *r = open_it(at("v.h5"), 3);
     is(r, 0, 1, 2, true);
-    is(r, 1, 3, 1, true);
+    is(r, 1, 2, 5, true);
+    is(r, 2, 4, 1, true);
     vol_reader_close(&r);
     scratch_remove();
 }
@@ -241,6 +245,52 @@ T_CASE(cut_off_with_bars)
 {
     cut_off(false);
     cut_off(true);
+}
+
+/* Killed at any moment, also while the file is closed and opened again for the first bars and the first modes. */
+T_CASE(killed_with_bars)
+{
+    static const int modes[] = {-1, 0, 2, 2};
+    start = volumes_start(24, 24, 24, 1);
+    uint64_t rng = pvx_mix((uint64_t)getpid()) | 1;
+    for (int round = 0; round < (T_SANITIZED ? 3 : 12); round++) {
+        int told[2];
+        uint64_t done = 0, one;
+        scratch_new();
+        T_EQ_I(pipe(told), 0);
+        fflush(stdout);
+        pid_t pid = fork();
+        if (pid == 0) {
+            vol_writer *w = begin(VOL_HDF5, at("v.h5"));
+            for (uint64_t k = 1;; k++) {
+                put(w, k, modes[k < 4 ? k - 1 : 3]);
+                if (write(told[1], &k, sizeof k) != sizeof k)
+                    _exit(1);
+            }
+        }
+        close(told[1]);
+        uint64_t until =
+            1 + pvx_random(&rng) % 4; /* around the first sets, where all that happens */
+        while (done < until && read(told[0], &one, sizeof one) == sizeof one)
+            done = one;
+        for (uint64_t spin = pvx_random(&rng) % 400000; spin > 0; spin--)
+            __asm__ volatile("");
+        kill(pid, SIGKILL);
+        waitpid(pid, NULL, 0);
+        while (read(told[0], &one, sizeof one) == sizeof one)
+            done = one;
+        close(told[0]);
+        vol_reader *r = NULL;
+        struct pvx_diag d = {""};
+        T_CHECK_(vol_reader_open(at("v.h5"), &r, &d) == PVX_OK, "%s", d.text);
+        uint64_t n = r != NULL ? vol_reader_count(r) : 0;
+        T_CHECK_(n >= done && n <= done + 1, "%llu were told, %llu are there",
+                 (unsigned long long)done, (unsigned long long)n);
+        for (uint64_t k = 0; k < n; k++)
+            is(r, k, k + 1, modes[k < 3 ? k : 3], true);
+        vol_reader_close(&r);
+        scratch_remove();
+    }
 }
 
 /* Writes another value into a dataset of bars, as libhdf5 would, so that only the check can notice. */
