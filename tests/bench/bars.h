@@ -41,7 +41,7 @@ static inline void dense_bars_new(struct dense_bars *d, const struct scene *s, c
         most = fmax(most, d->truth[i]);
     }
     for (size_t i = 0; i < d->n; i++)
-        d->truth[i] /= most;
+        d->truth[i] /= most > 0 ? most : 1;
     for (int32_t q = 0; q < v->n; q++)
         d->active[v->index[q]] = true;
 }
@@ -266,13 +266,16 @@ static inline void bars_add_square(double *var, const float *img, size_t n, doub
 }
 
 /* Mean over the pixels on which the flame is of (picture of the volume - picture)^2 over its predicted variance, both
- * with the picture's own noise sigma.  t^2 by four draws of independent voxels. */
-static inline double bars_view(const struct dense_bars *d, double sigma, pvx_pool *pool)
+ * with the picture's own noise: sigma, or -sigma where the picture has it already.  t^2 by four draws of independent
+ * voxels.
+ * size: root mean square of the prediction over that of the errors. */
+static inline double bars_view(const struct dense_bars *d, double sigma, double *size,
+                               pvx_pool *pool)
 {
     const struct rec_camera *c = &d->s->unseen;
     size_t n = (size_t)c->width * (size_t)c->height * d->nch, cs = (size_t)d->v.cs,
            vector = (size_t)d->v.n * cs;
-    double *var = pvx_calloc(n, sizeof *var), sum = 0, all = 0, peak = 0;
+    double *var = pvx_calloc(n, sizeof *var), sum = 0, all = 0, peak = 0, e2 = 0, v2 = 0;
     float *rest = must_floats(vector), *img = bars_picture(d, d->x.value, pool);
     enum { DRAWS = 4 };
     CHECK(var != NULL ? PVX_OK : PVX_ENOMEM);
@@ -293,12 +296,15 @@ static inline double bars_view(const struct dense_bars *d, double sigma, pvx_poo
     for (size_t i = 0; i < n; i++)
         peak = fmax(peak, (double)d->s->unseen_image[i]);
     for (size_t i = 0; i < n; i++) {
-        double e = (double)img[i] - (double)d->s->unseen_image[i] + sigma * bench_normal();
+        double e = (double)img[i] - (double)d->s->unseen_image[i] + fmax(sigma, 0) * bench_normal();
         if ((double)d->s->unseen_image[i] <= BARS_LIT * peak)
             continue;
         sum += e * e / (var[i] + sigma * sigma);
+        e2 += e * e;
+        v2 += var[i] + sigma * sigma;
         all++;
     }
+    *size = e2 > 0 ? sqrt(v2 / e2) : NAN;
     free(var);
     free(rest);
     free(img);

@@ -12,12 +12,19 @@
  * Constants were chosen on ring, campfire, gauss40 and ragged (`chosen on`); all others judge (`judged`).
  * doubt: bits of recon/frame/bars.h.  48^3, 120x90, trilinear, K = 16.
  *
+ * plume: ScalarFlow's real capture, frame PLUME_AT, 64x96x64, each of the five cameras left out: `view` and,
+ * for the same view, `sd`, with the noise that the other pictures have.
+ *
  *     bench_bars [FOLDER [FLAME [CASE]]] */
 #include "bars.h"
+#include "capture/pixel/pixfmt.h"
+#include "plume.h"
 #include "wrong.h"
 
-#define BOXES 300
-#define TURNS 3
+#define BOXES     300
+#define TURNS     3
+#define PLUME_AT  75
+#define PLUME_BIN 4
 
 static const struct view_set views_4 = {"4 on a ring", 8, 4, 3, {0, 2, 4, 6}},
                              arc_6 = {"6 on 150 deg", 12, 6, 6, {0, 1, 2, 3, 4, 5}},
@@ -115,7 +122,8 @@ static bool judge(enum flame_kind kind, const struct bars_case *k, uint64_t seed
     bars_classes(&d, k->narrow, out->held);
     out->sd = bars_size(&d);
     out->boxes = bars_boxes(&d, BOXES, seed);
-    out->view = bars_view(&d, k->noise->sigma * s.peak, pool);
+    double size;
+    out->view = bars_view(&d, k->noise->sigma * s.peak, &size, pool);
     dense_bars_free(&d);
     rec_bars_free(&b);
     rec_frame_free(&f);
@@ -159,6 +167,82 @@ static void row(FILE *csv, const char *flame, const char *use, const char *name,
               field[2], field[3], field[4], field[5], field[6], field[7], field[8], doubt);
 }
 
+/* ---- a real capture -----------------------------------------------------------------------------*/
+
+static float *plume_picture(const struct rec_camera *c)
+{
+    cap_video *v = plume_video(c);
+    float *out = must_floats((size_t)c->width * (size_t)c->height);
+    for (int at = 0; v != NULL && at <= PLUME_AT; at++) {
+        struct cap_image img = plume_next(v, c, PLUME_BIN);
+        if (at == PLUME_AT)
+            CHECK(cap_bin(&img, PLUME_BIN, 1, 0, c->height, out));
+    }
+    cap_video_close(&v);
+    return out;
+}
+
+/* s: the four cameras that are used, the fifth and its picture. */
+static void plume_judge(FILE *csv, struct scene *s, float *const image[], pvx_pool *pool)
+{
+    struct rec_frame_params p = rec_frame_defaults;
+    struct rec_bars_view v;
+    struct dense_bars d;
+    double o[N_CLASSES + 4];
+    rec_frame *f;
+    rec_bars *b;
+    rec_sysmat *S = scene_matrix(s, 1, pool);
+    p.nch = 1;
+    CHECK(rec_frame_alone(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(rec_bars_new(S, 1, REC_BARS_USUAL, &b, NULL));
+    rec_frame_reset(f);
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        memcpy(rec_frame_input(f, c), image[c],
+               (size_t)s->unseen.width * (size_t)s->unseen.height * sizeof(float));
+        rec_frame_camera(f, c)->present = true;
+    }
+    rec_frame_carve(f);
+    CHECK(rec_frame_solve(f, 0, NULL));
+    CHECK(rec_frame_bars(f, b, PLUME_AT, &v));
+    dense_bars_new(&d, s, f, &v);
+    for (int i = 0; i < N_CLASSES + 4; i++)
+        o[i] = NAN;
+    o[N_CLASSES + 1] =
+        bars_view(&d, -(double)rec_frame_get_report(f)->sigma, &o[N_CLASSES + 2], pool);
+    row(csv, "plume", "real", s->unseen.name, o, v.doubt);
+    dense_bars_free(&d);
+    rec_bars_free(&b);
+    rec_frame_free(&f);
+    rec_sysmat_free(&S);
+}
+
+static void plume(FILE *csv, pvx_pool *pool)
+{
+    struct rec_camera cam[PLUME_CAMERAS], used[PLUME_CAMERAS];
+    struct rec_grid g;
+    float *image[PLUME_CAMERAS], *in[PLUME_CAMERAS];
+    if (!plume_rig(PLUME_BIN, cam, &g))
+        return;
+    g.basis = REC_TRILINEAR;
+    for (int c = 0; c < PLUME_CAMERAS; c++)
+        image[c] = plume_picture(&cam[c]);
+    for (int out = 0; out < PLUME_CAMERAS && *bench_status() == 0; out++) {
+        struct scene s = {.nch = 1, .unseen = cam[out], .unseen_image = image[out]};
+        size_t n = 0;
+        for (int c = 0; c < PLUME_CAMERAS; c++)
+            if (c != out) {
+                in[n] = image[c];
+                used[n++] = cam[c];
+            }
+        s.rig = (struct rec_rig){.grid = g, .n_cameras = n, .cameras = used};
+        s.truth = must_floats(rec_grid_count(&g));
+        plume_judge(csv, &s, in, pool);
+        free(s.truth);
+    }
+    for (int c = 0; c < PLUME_CAMERAS; c++)
+        free(image[c]);
+}
+
 int main(int argc, char **argv)
 {
     static struct mean mean[2][COUNT(cases) + 1];
@@ -195,6 +279,8 @@ int main(int argc, char **argv)
                 row(csv, "mean", uses[judged], k < COUNT(cases) ? cases[k].name : "all cases", v,
                     0);
         }
+    if (argc <= 2 || strcmp(argv[2], "plume") == 0)
+        plume(csv, pool);
     fclose(csv);
     pvx_pool_free(&pool);
     return *bench_status();
