@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/file.h"
 #include "daemon/cli/common/arg.h"
@@ -104,9 +103,7 @@ static pvx_err report_place(const struct report *r, struct pvx_diag *d)
     char path[4300];
     PVX_TRY(pvx_mkdirs(r->out, d));
     snprintf(path, sizeof path, "%s/report.html", r->out);
-    if (!r->force && access(path, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", path);
-    return PVX_OK;
+    return cli_may_write(path, r->force, d);
 }
 
 /* The temperatures must be of the same sets. */

@@ -2,7 +2,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/common/arg.h"
@@ -100,8 +99,7 @@ static pvx_err export_run(const struct args *a, struct pvx_diag *d)
 {
     const enum rec_exchange_format to = rec_exchange_by_name(a->to);
     struct rec_rig rig;
-    if (!a->force && access(a->out, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
+    PVX_TRY(cli_may_write(a->out, a->force, d));
     PVX_TRY(rec_rig_load(a->rig, &rig, d));
     pvx_err e = a->cameras != NULL ? rec_rig_select(&rig, a->cameras, d) : PVX_OK;
     PVX_THEN(e, rec_exchange_write(&rig, to, a->out, d));

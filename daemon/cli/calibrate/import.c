@@ -3,7 +3,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/mem.h"
 #include "base/yaml.h"
@@ -308,8 +307,7 @@ static pvx_err import_rig(const struct args *a, const struct rec_exchange *x, st
 
 static pvx_err import_run(const struct args *a, struct rec_exchange *x, struct pvx_diag *d)
 {
-    if (!a->force && access(a->out, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
+    PVX_TRY(cli_may_write(a->out, a->force, d));
     x->centre = a->centre;
     x->centred = a->centred;
     for (size_t i = 0; i < a->n; i++)

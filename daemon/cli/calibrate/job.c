@@ -2,7 +2,6 @@
 
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/yaml.h"
 #include "daemon/cli/calibrate/choose.h"
@@ -39,8 +38,7 @@ static pvx_err read_measured(struct calibrate_job *j, struct pvx_diag *d)
 pvx_err calibrate_start(struct calibrate_job *j, const struct calibrate_args *a, struct pvx_diag *d)
 {
     *j = (struct calibrate_job){.a = a};
-    if (!a->force && access(a->out, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
+    PVX_TRY(cli_may_write(a->out, a->force, d));
     for (size_t i = 0; i < a->n_reports; i++)
         PVX_TRY(calibrate_report_possible(a->report[i], true, d));
     return rec_board_parse(a->board, &j->board, d);

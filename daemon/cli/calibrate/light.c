@@ -4,7 +4,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/mem.h"
 #include "daemon/cli/common/arg.h"
@@ -74,8 +73,7 @@ static pvx_err may_write(const struct calibrate_light *l, bool rig_out, struct p
 {
     const char *rig = l->a->rig, *out = l->a->out;
     size_t n = folder(rig);
-    if (!l->a->force && access(out, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", out);
+    PVX_TRY(cli_may_write(out, l->a->force, d));
     if (rig_out && (folder(out) != n || strncmp(out, rig, n) != 0))
         for (size_t c = 0; c < l->rig.n_cameras; c++)
             if (rec_photometry_acts(&l->rig.cameras[c].photometry))

@@ -1,7 +1,6 @@
 /* refine.c - `pyrovox calibrate refine`: the poses of a rig corrected by a flame. */
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "daemon/cli/calibrate/calibrate.h"
 #include "daemon/cli/common/cli.h"
@@ -106,8 +105,7 @@ static pvx_err refine_rig(struct flame_sets *s, const struct args *a, bool *acce
                           struct pvx_diag *d)
 {
     struct rec_refine_report o;
-    if (!a->force && access(a->out, F_OK) == 0)
-        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
+    PVX_TRY(cli_may_write(a->out, a->force, d));
     PVX_TRY(flame_sets_load(s, &a->sets, d));
     struct rec_check_source from = flame_sets_source(s, "refine");
     PVX_TRY(rec_refine(&s->rig, &s->params, s->pool, &from, &o, d));

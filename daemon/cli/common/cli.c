@@ -39,6 +39,13 @@ int cli_end(const struct pvx_diag *d, pvx_err e, bool nothing_written)
     return 130;
 }
 
+pvx_err cli_may_write(const char *path, bool force, struct pvx_diag *d)
+{
+    if (path == NULL || force || access(path, F_OK) != 0)
+        return PVX_OK;
+    return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", path);
+}
+
 bool cli_progress(void *ctx, double done)
 {
     struct cli_progress *p = ctx;

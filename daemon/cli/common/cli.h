@@ -26,6 +26,9 @@ int cli_error(const struct pvx_diag *d, pvx_err e);
  * "stopped", or "stopped; nothing was written". */
 int cli_end(const struct pvx_diag *d, pvx_err e, bool nothing_written);
 
+/* PVX_EBUSY: a file of that name is there, and `force` does not allow to write over it.  path NULL: nothing is written. */
+PVX_MUST_CHECK pvx_err cli_may_write(const char *path, bool force, struct pvx_diag *d);
+
 /* Progress bar on stderr when it is a terminal, else a line every 10 %.  As rec_progress_fn: ctx is
  * a struct cli_progress; returns false once cli_stop is set. */
 struct cli_progress {

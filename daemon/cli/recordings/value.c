@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
@@ -122,13 +121,6 @@ static error_t value_parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-static pvx_err value_free_place(const struct value *v, const char *path, struct pvx_diag *d)
-{
-    if (path == NULL || v->force || access(path, F_OK) != 0)
-        return PVX_OK;
-    return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", path);
-}
-
 /* What the bars are, or why there are none; once for all sets. */
 static void value_say_bars(const struct value *v, const struct course *c)
 {
@@ -183,8 +175,8 @@ static pvx_err value_of(struct value *v, struct pvx_diag *d)
 {
     struct course c = {.n = 0};
     bool thermal = vol_is_thermal(v->in);
-    PVX_TRY(value_free_place(v, v->csv, d));
-    PVX_TRY(value_free_place(v, v->plot, d));
+    PVX_TRY(cli_may_write(v->csv, v->force, d));
+    PVX_TRY(cli_may_write(v->plot, v->force, d));
     pvx_err e = thermal ? value_temperatures(v, &c, d) : value_volumes(v, &c, d);
     if (e == PVX_OK) {
         course_print(stdout, &c);
