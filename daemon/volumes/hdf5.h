@@ -59,6 +59,8 @@ int vol_hdf5_lacks(hid_t set);
  * checksum, and libhdf5 (1.10.8) trusts it: where the heap is damaged, it searches for ever, or past the end. */
 bool vol_hdf5_heaps_end(const char *path, uint64_t bytes);
 #define VOL_HEAPS_MOST (UINT64_C(1) << 30) /* bytes: more than any joined file has */
+/* An attribute of three finite numbers, as origin and spacing. */
+bool vol_hdf5_triple(hid_t at, const char *name, double out[3]);
 /* Attributes, rig and configuration of a new file; not closed yet. */
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */

@@ -1,4 +1,5 @@
 /* hdf5_head.c - all of an HDF5 file of volumes except the volumes (daemon/VOLUMES.md). */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -13,6 +14,21 @@ static bool put_id(hid_t file, const char *name, uint64_t id)
     snprintf(text, sizeof text, "%llu", (unsigned long long)id);
     return take_h5_put_attr(file, name, H5T_STD_U64LE, &id) &&
            take_h5_put_long_text(file, name, text);
+}
+
+bool vol_hdf5_triple(hid_t at, const char *name, double out[3])
+{
+    if (H5Aexists(at, name) <= 0)
+        return false;
+    hid_t a = H5Aopen(at, name, H5P_DEFAULT), type = H5Aget_type(a), space = H5Aget_space(a);
+    bool ok = H5Tget_class(type) == H5T_FLOAT && H5Sget_simple_extent_npoints(space) == 3 &&
+              H5Aread(a, H5T_NATIVE_DOUBLE, out) >= 0;
+    H5Sclose(space);
+    H5Tclose(type);
+    H5Aclose(a);
+    for (int i = 0; i < 3 && ok; i++)
+        ok = isfinite(out[i]) && fabs(out[i]) < 1e9;
+    return ok;
 }
 
 bool vol_hdf5_head(hid_t file, const struct vol_head *h)

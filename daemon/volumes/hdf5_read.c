@@ -44,21 +44,6 @@ static bool hdf5_is(const char *path)
 
 /* ---- the head ---- */
 
-static bool get_triple(hid_t at, const char *name, double out[3])
-{
-    if (H5Aexists(at, name) <= 0)
-        return false;
-    hid_t a = H5Aopen(at, name, H5P_DEFAULT), type = H5Aget_type(a), space = H5Aget_space(a);
-    bool ok = H5Tget_class(type) == H5T_FLOAT && H5Sget_simple_extent_npoints(space) == 3 &&
-              H5Aread(a, H5T_NATIVE_DOUBLE, out) >= 0;
-    H5Sclose(space);
-    H5Tclose(type);
-    H5Aclose(a);
-    for (int i = 0; i < 3 && ok; i++)
-        ok = isfinite(out[i]) && fabs(out[i]) < 1e9;
-    return ok;
-}
-
 static bool get_short(hid_t at, const char *name, char *out, size_t size)
 {
     char *text = take_h5_get_text(at, name, false);
@@ -137,8 +122,9 @@ static pvx_err hdf5_read_read_head(struct in *r, uint64_t bytes, bool *closed, s
     PVX_TRY(open_emission(r, bytes, &r->said, d));
     r->rig = take_h5_get_text(r->file, "rig", true);
     r->config = take_h5_get_text(r->file, "config", true);
-    bool ok = r->rig != NULL && r->config != NULL && get_triple(r->file, "origin", s->grid.min) &&
-              get_triple(r->file, "spacing", spacing) &&
+    bool ok = r->rig != NULL && r->config != NULL &&
+              vol_hdf5_triple(r->file, "origin", s->grid.min) &&
+              vol_hdf5_triple(r->file, "spacing", spacing) &&
               get_short(r->file, "units", s->units, sizeof s->units) &&
               get_short(r->file, "software", s->software, sizeof s->software) &&
               get_short(r->file, "basis", basis, sizeof basis) &&

@@ -10,14 +10,8 @@
 
 /* ---- the region ---- */
 
-struct measure_grid {
-    const struct pvp_grid *g;
-    double h[3];
-    uint32_t lo[3], hi[3]; /* voxels that may be in it, the last one not included */
-};
-
 /* Voxels along axis a whose centres lie from `from` to `to`. */
-static void measure_span(struct measure_grid *m, int a, double from, double to)
+static void measure_span(struct vol_cells *m, int a, double from, double to)
 {
     double n = m->g->n[a], lo = ceil((from - m->g->min[a]) / m->h[a] - 0.5),
            hi = floor((to - m->g->min[a]) / m->h[a] - 0.5) + 1;
@@ -25,9 +19,9 @@ static void measure_span(struct measure_grid *m, int a, double from, double to)
     m->hi[a] = (uint32_t)fmin(fmax(hi, m->lo[a]), n);
 }
 
-static struct measure_grid measure_region(const struct pvp_grid *g, const struct vol_region *r)
+struct vol_cells vol_region_cells(const struct pvp_grid *g, const struct vol_region *r)
 {
-    struct measure_grid m = {.g = g};
+    struct vol_cells m = {.g = g, .r = r};
     for (int a = 0; a < 3; a++) {
         m.h[a] = (g->max[a] - g->min[a]) / g->n[a];
         m.hi[a] = g->n[a];
@@ -46,9 +40,9 @@ static struct measure_grid measure_region(const struct pvp_grid *g, const struct
     return m;
 }
 
-static bool measure_in(const struct measure_grid *m, const struct vol_region *r,
-                       const uint32_t at[3])
+bool vol_cells_in(const struct vol_cells *m, const uint32_t at[3])
 {
+    const struct vol_region *r = m->r;
     double r2 = 0;
     for (int a = 0; a < 3; a++) {
         if (at[a] < m->lo[a] || at[a] >= m->hi[a])
@@ -59,29 +53,17 @@ static bool measure_in(const struct measure_grid *m, const struct vol_region *r,
     return r->kind != VOL_SPHERE || r2 <= r->at[3] * r->at[3];
 }
 
-static uint64_t measure_count(const struct measure_grid *m, const struct vol_region *r)
+uint64_t vol_cells_count(const struct vol_cells *m)
 {
     uint64_t n = 0;
     uint32_t at[3];
-    if (r->kind != VOL_SPHERE)
+    if (m->r->kind != VOL_SPHERE)
         return (uint64_t)(m->hi[0] - m->lo[0]) * (m->hi[1] - m->lo[1]) * (m->hi[2] - m->lo[2]);
     for (at[2] = m->lo[2]; at[2] < m->hi[2]; at[2]++)
         for (at[1] = m->lo[1]; at[1] < m->hi[1]; at[1]++)
             for (at[0] = m->lo[0]; at[0] < m->hi[0]; at[0]++)
-                n += measure_in(m, r, at);
+                n += vol_cells_in(m, at);
     return n;
-}
-
-bool vol_region_in(const struct pvp_grid *g, const struct vol_region *r, const uint32_t at[3])
-{
-    const struct measure_grid m = measure_region(g, r);
-    return measure_in(&m, r, at);
-}
-
-uint64_t vol_region_count(const struct pvp_grid *g, const struct vol_region *r)
-{
-    const struct measure_grid m = measure_region(g, r);
-    return measure_count(&m, r);
 }
 
 pvx_err vol_region_empty(const struct pvp_grid *g, struct pvx_diag *d)
@@ -119,7 +101,7 @@ static double channel_of(const float *p, uint32_t channels, int channel)
 struct measuring {
     const struct vol_volume *v;
     const struct vol_measure_how *how;
-    struct measure_grid m;
+    struct vol_cells m;
     uint32_t channels;
     double t2; /* sum of t^2 over the region */
     double most, most_var;
@@ -183,7 +165,7 @@ static void measure_bricks(struct measuring *s)
             const uint32_t at[3] = {id % nb[0] * B + (uint32_t)(q % B),
                                     id / nb[0] % nb[1] * B + (uint32_t)(q / B % B),
                                     id / nb[0] / nb[1] * B + (uint32_t)(q / B / B)};
-            if (measure_in(&s->m, &s->how->region, at))
+            if (vol_cells_in(&s->m, at))
                 measure_voxel(s, (i * CELLS + q) * s->channels, at[2]);
         }
     }
@@ -194,7 +176,7 @@ static void measure_bricks(struct measuring *s)
 /* z below which all but VOL_TOP of the light of x + sign d lies; d NULL: of x. */
 static double height_of(const struct measuring *s, const struct sums *d, double sign)
 {
-    const struct measure_grid *m = &s->m;
+    const struct vol_cells *m = &s->m;
     double all = s->x.sum + (d != NULL ? sign * d->sum : 0), top = 0;
     for (uint32_t z = m->g->n[2]; all > 0 && z-- > 0;) {
         double layer = s->x.layer[z] + (d != NULL ? sign * d->layer[z] : 0);
@@ -235,11 +217,11 @@ pvx_err vol_measure(const struct vol_volume *v, const struct vol_measure_how *ho
     const struct vol_bars *b = &v->bars;
     uint32_t modes = b->sd != NULL ? b->n_modes : 0;
     struct measuring s = {
-        .v = v, .how = how, .m = measure_region(g, &how->region), .channels = g->channels};
+        .v = v, .how = how, .m = vol_region_cells(g, &how->region), .channels = g->channels};
     if (how->channel >= (int)g->channels)
         return pvx_fail(d, PVX_EINVAL, "the volumes have %u channel%s: there is no channel %d",
                         g->channels, g->channels == 1 ? "" : "s", how->channel + 1);
-    *out = (struct vol_measured){.voxels = measure_count(&s.m, &how->region),
+    *out = (struct vol_measured){.voxels = vol_cells_count(&s.m),
                                  .bars = b->sd != NULL,
                                  .modes = modes > 0,
                                  .doubt = b->doubt};

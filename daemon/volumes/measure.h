@@ -46,9 +46,16 @@ struct vol_measured {
 PVX_MUST_CHECK pvx_err vol_measure(const struct vol_volume *v, const struct vol_measure_how *how,
                                    struct vol_measured *out, struct pvx_diag *d);
 
-/* Whether the centre of voxel `at` is in the region, and the number of such voxels of the grid. */
-bool vol_region_in(const struct pvp_grid *g, const struct vol_region *r, const uint32_t at[3]);
-uint64_t vol_region_count(const struct pvp_grid *g, const struct vol_region *r);
+/* The voxels of a grid whose centre is in a region; both are borrowed. */
+struct vol_cells {
+    const struct pvp_grid *g;
+    const struct vol_region *r;
+    double h[3];
+    uint32_t lo[3], hi[3]; /* voxels that may be in it, the last one not included */
+};
+struct vol_cells vol_region_cells(const struct pvp_grid *g, const struct vol_region *r);
+bool vol_cells_in(const struct vol_cells *m, const uint32_t at[3]);
+uint64_t vol_cells_count(const struct vol_cells *m);
 /* The sentence for a region without a voxel.  PVX_EINVAL. */
 pvx_err vol_region_empty(const struct pvp_grid *g, struct pvx_diag *d);
 

@@ -39,23 +39,6 @@ static pvx_err thermal_wrong(const vol_thermal_reader *r, struct pvx_diag *d, co
                     r->path, what);
 }
 
-/* Numbers of a list of doubles, n of them. */
-static bool thermal_list(hid_t at, const char *name, hsize_t n, double *out)
-{
-    if (H5Aexists(at, name) <= 0)
-        return false;
-    hid_t a = H5Aopen(at, name, H5P_DEFAULT), type = H5Aget_type(a), space = H5Aget_space(a);
-    bool ok = H5Tget_class(type) == H5T_FLOAT &&
-              H5Sget_simple_extent_npoints(space) == (hssize_t)n &&
-              H5Aread(a, H5T_NATIVE_DOUBLE, out) >= 0;
-    H5Sclose(space);
-    H5Tclose(type);
-    H5Aclose(a);
-    for (hsize_t i = 0; i < n && ok; i++)
-        ok = isfinite(out[i]);
-    return ok;
-}
-
 static pvx_err thermal_fields(vol_thermal_reader *r, struct pvx_diag *d)
 {
     static const char *const names[VOL_THERMAL_READ] = {"temperature", "temperature_sd", "soot",
@@ -109,8 +92,8 @@ static pvx_err thermal_begin(vol_thermal_reader *r, struct pvx_diag *d)
     if (!take_h5_get_int(r->file, "closed", &closed) || closed != 1)
         return thermal_wrong(r, d, "it is not complete");
     PVX_TRY(thermal_fields(r, d));
-    if (!thermal_list(r->file, "origin", 3, r->grid.min) ||
-        !thermal_list(r->file, "spacing", 3, spacing))
+    if (!vol_hdf5_triple(r->file, "origin", r->grid.min) ||
+        !vol_hdf5_triple(r->file, "spacing", spacing))
         return thermal_wrong(r, d, "origin, spacing");
     for (int a = 0; a < 3; a++)
         r->grid.max[a] = r->grid.min[a] + spacing[a] * r->grid.n[a];

@@ -102,24 +102,13 @@ static pvx_err slices_of(const struct report *r, const struct slices *s, const f
     return PVX_OK;
 }
 
-/* Place of the set in the recording. */
-static pvx_err slices_get(const struct report *r, struct vol_volume *v, struct pvx_diag *d)
-{
-    uint64_t n = vol_reader_count(r->volumes), set = r->course.row[r->shown].v.set;
-    for (uint64_t k = 0; k < n; k++) {
-        PVX_TRY(vol_reader_get(r->volumes, k, v, d));
-        if (v->v.set == set)
-            return PVX_OK;
-    }
-    return pvx_fail(d, PVX_ENOENT, "%s: set %llu is gone", r->in, (unsigned long long)set);
-}
-
 pvx_err report_slices(struct report *r, struct pvx_diag *d)
 {
     const struct pvp_grid *g = &r->head->start.grid;
     struct slices s = {.g = g};
     struct vol_volume v;
-    PVX_TRY(slices_get(r, &v, d));
+    vol_reader_modes(r->volumes, false);
+    PVX_TRY(vol_reader_get(r->volumes, r->course.row[r->shown].place, &v, d));
     float *dense = pvx_calloc(pvp_grid_count(g), sizeof *dense);
     PVX_NEED(dense);
     for (int a = 0; a < 3; a++)

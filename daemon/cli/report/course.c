@@ -65,10 +65,12 @@ static void course_time(struct course *c, struct course_row *row)
     c->doubt |= row->bars ? row->doubt : 0;
 }
 
-static void course_add(struct course *c, const struct pvp_volume *v, const struct vol_measured *m)
+static void course_add(struct course *c, uint64_t place, const struct pvp_volume *v,
+                       const struct vol_measured *m)
 {
     struct course_row *row = &c->row[c->n++];
-    *row = (struct course_row){.v = *v, .bars = m->bars, .modes = m->modes, .doubt = m->doubt};
+    *row = (struct course_row){
+        .place = place, .v = *v, .bars = m->bars, .modes = m->modes, .doubt = m->doubt};
     row->figure[COURSE_MEAN] = m->mean;
     row->figure[COURSE_LIGHT] = m->light;
     row->figure[COURSE_HEIGHT] = m->height;
@@ -106,7 +108,7 @@ pvx_err course_read(vol_reader *r, const char *name, const struct course_how *ho
         PVX_TRY(vol_reader_get(r, k, &v, d));
         if (course_wants(how, &v.v)) {
             PVX_TRY(vol_measure(&v, &out->how.measure, &m, d));
-            course_add(out, &v.v, &m);
+            course_add(out, k, &v.v, &m);
         }
         if (!cli_progress(&bar, before + (1 - before) * (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
@@ -115,20 +117,21 @@ pvx_err course_read(vol_reader *r, const char *name, const struct course_how *ho
 }
 
 /* Sums of a set of temperatures. */
-static void course_heat(const struct vol_thermal_set *t, const struct pvp_grid *g,
-                        const struct vol_region *region, struct course_row *row)
+static void course_heat(const struct vol_thermal_set *t, const struct vol_cells *m,
+                        struct course_row *row)
 {
+    const struct pvp_grid *g = m->g;
     double kelvin = 0, soot = 0, V = 1, n = 0;
     struct vol_figure hot = {NAN, NAN};
     uint32_t at[3];
     size_t q = 0, known = 0;
     for (int a = 0; a < 3; a++)
-        V *= (g->max[a] - g->min[a]) / g->n[a];
+        V *= m->h[a];
     for (at[2] = 0; at[2] < g->n[2]; at[2]++)
         for (at[1] = 0; at[1] < g->n[1]; at[1]++)
             for (at[0] = 0; at[0] < g->n[0]; at[0]++, q++) {
                 double T = (double)t->value[VOL_KELVIN][q], f = (double)t->value[VOL_SOOT][q];
-                if (isnan(T) || !vol_region_in(g, region, at))
+                if (isnan(T) || !vol_cells_in(m, at))
                     continue;
                 n++;
                 kelvin += T;
@@ -153,7 +156,8 @@ pvx_err course_read_thermal(vol_thermal_reader *r, const char *name, const struc
     const struct pvp_grid *g = vol_thermal_grid(r);
     *out = (struct course){.how = *how, .column = temperatures, .figures = COURSE_MOST};
     out->how.measure.level = NAN;
-    if (vol_region_count(g, &how->measure.region) == 0)
+    const struct vol_cells m = vol_region_cells(g, &how->measure.region);
+    if (vol_cells_count(&m) == 0)
         return vol_region_empty(g, d);
     out->row = pvx_calloc(n + 1, sizeof *out->row);
     PVX_NEED(out->row);
@@ -163,8 +167,8 @@ pvx_err course_read_thermal(vol_thermal_reader *r, const char *name, const struc
         const struct pvp_volume v = {.set = t.number, .t_exposure_ns = t.t_exposure_ns};
         if (course_wants(how, &v)) {
             struct course_row *row = &out->row[out->n++];
-            *row = (struct course_row){.v = v, .bars = true};
-            course_heat(&t, g, &how->measure.region, row);
+            *row = (struct course_row){.place = k, .v = v, .bars = true};
+            course_heat(&t, &m, row);
             course_time(out, row);
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))

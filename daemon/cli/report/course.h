@@ -19,6 +19,7 @@ struct course_how {
     bool quiet;
 };
 struct course_row {
+    uint64_t place; /* in the recording */
     struct pvp_volume v;
     double time; /* s since the first row; NAN: the recording has no times */
     struct vol_figure figure[COURSE_MOST];
