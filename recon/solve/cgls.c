@@ -11,12 +11,17 @@
  * residual norm that stops it is that of the recursion.  It always starts at 0, because with another
  * start (1) would be another method.  Every channel has its own alpha and beta.
  * "cgls", for comparison: no max in (1), which is then CGLS itself; its iterates have negative
- * values, the result is clipped once. */
+ * values, the result is clipped once.
+ * A channel whose ||S^T r|| is below FLOOR of its first has converged.  What is left is rounding, which no longer falls:
+ * beta is about 1, rounding adds up in d, and where it cancels out alpha has no limit. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
 #include "recon/simd/lanes.h"
 #include "recon/solve/stop.h"
+
+#define FLOOR (8 * FLT_EPSILON)
 
 enum { S_GAMMA };      /* of columns */
 enum { S_SIZE, S_RR }; /* of rows */
@@ -27,6 +32,7 @@ struct cgls {
     float *x, *d, *s;  /* x space; s = S^T W r */
     float *r, *q, *wr; /* row space; r of the recursion, q = S d, W r */
     double alpha[4], beta[4];
+    double least[4]; /* of gamma = ||S^T r||^2 */
 };
 
 /* q = S d and ||W^(1/2) q||^2. */
@@ -132,7 +138,7 @@ static bool cgls_step_lengths(struct cgls *t, const double gamma[4], const doubl
 {
     bool moving = false;
     for (int l = 0; l < 4; l++) {
-        double alpha = size[l] > 0 && gamma[l] > 0 ? gamma[l] / size[l] : 0;
+        double alpha = size[l] > 0 && gamma[l] > t->least[l] ? gamma[l] / size[l] : 0;
         t->alpha[l] = isfinite((float)alpha) ? alpha : 0;
         moving = moving || t->alpha[l] > 0;
     }
@@ -164,6 +170,8 @@ static void cgls_solve(rec_problem *pb, const struct variant *v, const struct re
     pvx_pool_run(pool, chunks, adjoint_chunk, &t);        /* s = S^T r, gamma = ||s||^2 */
     pvx_pool_run(pool, chunks, cgls_direction_chunk, &t); /* d = s: beta is 0 */
     rec_sum(pb, 0, chunks, S_GAMMA, gamma);
+    for (int l = 0; l < 4; l++)
+        t.least[l] = FLOOR * FLOOR * gamma[l];
     rec_stop_begin(&stop, pb, &v->own, p, out);
     while (rec_stop_next(&stop)) {
         rec_start_product(pb, t.d);

@@ -66,7 +66,8 @@ static bool new_areas(rec_vote *v)
     return ok;
 }
 
-/* K of each camera: s of vote.h from the mean footprint of a voxel.  The support of a trilinear one is two voxels wide,
+/* K of each camera: s of vote.h from the geometric mean of the voxels' footprints, so that the few
+ * beside a camera that stands in the volume do not decide.  The support of a trilinear one is two voxels wide,
  * and that of 2^k side by side, which are a voxel here, is 2^k + 1.  More than MOST bins cost time and tell no more. */
 static void new_blur(rec_vote *v)
 {
@@ -79,11 +80,11 @@ static void new_blur(rec_vote *v)
             if (!rec_rect_seen(r))
                 continue;
             seen++;
-            side[0] += r.x1 - r.x0;
-            side[1] += r.y1 - r.y0;
+            side[0] += log(r.x1 - r.x0);
+            side[1] += log(r.y1 - r.y0);
         }
         for (int a = 0; a < 2; a++) {
-            double s = seen > 0 ? 2 * floor(side[a] / (seen * support)) - 2 : 2;
+            double s = seen > 0 ? 2 * floor(exp(side[a] / seen) / support) - 2 : 2;
             s = s < 2 ? 2 : s > MOST ? MOST : s;
             v->blur[c][a] = (int32_t)s;
             v->after_k[c] *= (2 * s * s + 1) / (3 * s * s * s); /* sum of its squared weights */
