@@ -6,8 +6,7 @@
 
 #include "base/mem.h"
 #include "recon/frame/impl.h"
-#include "recon/frame/spread.h"
-#include "recon/solve/perturb.h"
+#include "recon/frame/parts.h"
 
 #define GAP   15.0 /* (3) */
 #define DRAWN 0.6  /* factor on (4) */
@@ -108,30 +107,38 @@ static float *bars_solve(rec_bars *b)
     return x;
 }
 
-/* Factor by which a deviation from n of them is longer, since so few say little about their size. */
-static double bars_student(uint32_t n)
+double rec_bars_student(double n)
 {
-    return sqrt(1 + 2 / fmax((double)n - 2, 2));
+    return sqrt(1 + 2 / fmax(n - 2, 2));
 }
 
-/* The next solve is the frame's own, with nothing moved. */
-static void bars_still(rec_bars *b)
+uint32_t rec_bars_iterations(uint32_t done, uint32_t cameras)
 {
-    uint32_t done = b->f->report.solve.iterations;
+    uint32_t least = cameras > 0 ? VIEWS / cameras : 0, all = done > LEAST ? done : LEAST;
+    return all > least ? all : least;
+}
+
+/* The next solve is the frame's own, with nothing moved; cameras: of J, else 0. */
+static void bars_still(rec_bars *b, uint32_t cameras)
+{
     b->p = (struct rec_perturbation){.seed = b->p.seed};
-    b->p.iterations = done > LEAST ? done : LEAST;
+    b->p.iterations = rec_bars_iterations(b->f->report.solve.iterations, cameras);
+}
+
+double rec_bars_groups(uint32_t cameras, uint32_t left)
+{
+    return (1 - 1.0 / left) * fmax(1, (GAP - cameras) / (cameras - 1.0));
 }
 
 /* J: the cameras in `left` groups. */
 static void bars_leave(rec_bars *b, uint32_t cameras, uint32_t left)
 {
     const rec_frame *f = b->f;
-    uint32_t first = b->out->n_modes, least = VIEWS / cameras;
+    uint32_t first = b->out->n_modes;
     bool out[REC_MAX_CAMERAS] = {false};
     memset(b->mean, 0, b->vector * sizeof *b->mean);
-    bars_still(b);
+    bars_still(b, cameras);
     b->p.out = out;
-    b->p.iterations = b->p.iterations > least ? b->p.iterations : least;
     for (uint32_t g = 0; g < left; g++) {
         for (size_t c = 0, k = 0; c < f->S->n_cameras; c++)
             out[c] = f->sub->present[c] && k++ % left == g;
@@ -139,8 +146,8 @@ static void bars_leave(rec_bars *b, uint32_t cameras, uint32_t left)
         for (size_t i = 0; i < b->vector; i++)
             b->mean[i] += x[i];
     }
-    double gaps = fmax(1, (GAP - cameras) / (cameras - 1.0)), share = 1 - 1.0 / left;
-    float by = (float)(sqrt(share * gaps) * bars_student(left - 1)), each = 1 / (float)left;
+    float by = (float)(sqrt(rec_bars_groups(cameras, left)) * rec_bars_student(left - 1)),
+          each = 1 / (float)left;
     for (uint32_t k = first; k < b->out->n_modes; k++) {
         float *d = bars_mode(b, k);
         for (size_t i = 0; i < b->vector; i++)
@@ -162,55 +169,58 @@ static double bars_dull(const struct rec_perturb_fit *fit)
     return at >= 1 ? 1 : at > 0 ? at : 0;
 }
 
+void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone,
+                    struct rec_perturbation *p, double by[4])
+{
+    for (int l = 0; l < nch; l++) {
+        double dull = alone ? 1 : bars_dull(&fit[l]);
+        p->sigma[l] = sqrt(fit[l].noise2);
+        p->prior[l] = PRIOR + (1 - PRIOR) * dull;
+        by[l] = DRAWN + (1 - DRAWN) * dull;
+    }
+}
+
 /* D; alone: without J. */
 static void bars_draw(rec_bars *b, uint32_t drawn, bool alone)
 {
     double by[4] = {0};
-    bars_still(b);
-    for (int l = 0; l < b->f->nch; l++) {
-        double dull = alone ? 1 : bars_dull(&b->fit[l]);
-        b->p.sigma[l] = sqrt(b->fit[l].noise2);
-        b->p.prior[l] = PRIOR + (1 - PRIOR) * dull;
-        by[l] = (DRAWN + (1 - DRAWN) * dull) * bars_student(drawn) / sqrt(drawn);
-    }
+    bars_still(b, 0);
+    rec_bars_drawn(b->fit, b->f->nch, alone, &b->p, by);
+    for (int l = 0; l < b->f->nch; l++)
+        by[l] *= rec_bars_student(drawn) / sqrt(drawn);
     for (b->p.draw = 0; b->p.draw < drawn; b->p.draw++)
         bars_about(b, bars_solve(b), by);
 }
 
-/* H. */
-static void bars_hue(rec_bars *b)
+void rec_bars_hue(struct rec_spread *s, const struct rec_perturb_fit fit[4], const float *x,
+                  float *mean, float *d)
 {
-    const float *x = b->f->x;
-    float *d = bars_mode(b, b->out->n_modes), by[4] = {0};
-    size_t best = 0, cs = b->cs;
-    if (b->f->nch != 3)
-        return;
-    b->out->n_modes++;
+    float by[4] = {0};
+    size_t best = 0, cs = 4;
     for (size_t l = 1; l < 3; l++)
-        best = b->fit[l].g > b->fit[best].g ? l : best;
+        best = fit[l].g > fit[best].g ? l : best;
     for (size_t l = 0; l < 3; l++)
-        by[l] = (float)(HUE * sqrt(fmax(0, 1 - b->fit[l].g / b->fit[best].g)));
-    rec_spread_mean(&b->spread, x, d);
-    rec_spread_mean(&b->spread, d, b->mean);
-    for (size_t i = 0; i < b->vector; i += cs)
+        by[l] = (float)(HUE * sqrt(fmax(0, 1 - fit[l].g / fit[best].g)));
+    rec_spread_mean(s, x, d);
+    rec_spread_mean(s, d, mean);
+    for (size_t i = 0; i < (size_t)s->a->n * cs; i += cs)
         for (size_t l = 0; l < cs; l++) {
-            float usual = b->mean[i + best];
-            float other = usual > 0 ? x[i + best] / usual * b->mean[i + l] : 0;
+            float usual = mean[i + best];
+            float other = usual > 0 ? x[i + best] / usual * mean[i + l] : 0;
             d[i + l] = by[l] > 0 ? by[l] * (other - x[i + l]) : 0;
         }
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------*/
 
-static uint32_t bars_doubt(const rec_bars *b, uint32_t cameras)
+uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras)
 {
     uint32_t doubt = cameras < REC_BARS_CAMERAS ? REC_BARS_FEW_CAMERAS : 0;
     double least = INFINITY;
-    for (int l = 0; l < b->f->nch; l++) {
-        const struct rec_perturb_fit *fit = &b->fit[l];
-        if (fit->dark2 > 0 && fit->noise2 > POOR * fit->dark2)
+    for (int l = 0; l < nch; l++) {
+        if (fit[l].dark2 > 0 && fit[l].noise2 > POOR * fit[l].dark2)
             doubt |= REC_BARS_POOR_FIT;
-        least = fit->unit > 0 ? fmin(least, fit->lambda / fit->unit) : least;
+        least = fit[l].unit > 0 ? fmin(least, fit[l].lambda / fit[l].unit) : least;
     }
     return least > BLUR ? doubt | REC_BARS_BLURRED : doubt;
 }
@@ -237,11 +247,12 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
         bars_leave(b, cameras, left);
     bars_draw(b, b->K - left, few);
     rec_perturb_end(b->perturb);
-    bars_hue(b);
+    if (f->nch == 3)
+        rec_bars_hue(&b->spread, b->fit, f->x, b->mean, bars_mode(b, out->n_modes++));
     rec_spread_deviations(&b->spread, b->modes, out->n_modes, b->sd);
     rec_spread_end(&b->spread);
     out->sd = b->sd;
     out->modes = b->modes;
-    out->doubt = bars_doubt(b, cameras);
+    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras);
     return PVX_OK;
 }
