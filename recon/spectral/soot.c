@@ -6,12 +6,13 @@
 
 #include "base/mem.h"
 
-enum { NODES = 65, GOLDEN = 24 };
+enum { NODES = 65, CLOSER = 40 };
 #define PI        3.14159265358979323846
 #define U_LO      (1 / REC_SOOT_T_HI)
 #define U_HI      (1 / REC_SOOT_T_LO)
 #define STEP      ((U_HI - U_LO) / (NODES - 1))
 #define BETWEEN_T 1800.0 /* K: where the channels are compared */
+#define CLOSE     1e-6   /* of a step: less than 1e-4 K */
 
 const char *const rec_soot_state_name[REC_N_SOOT_STATES] = {"dark", "soot", "not soot", "outside"};
 const struct rec_soot_params rec_soot_defaults = {
@@ -191,46 +192,79 @@ static void soot_shape(const rec_soot *m, double u, double g[3], double slope[3]
         g[q] = exp(log_g[q] - *top);
 }
 
-static double soot_chi2_at(const struct soot_fit *f, double u)
+/* Half of minus the derivative of (3) by u, with the best f. */
+static double soot_downhill(const struct soot_fit *f, double u)
 {
-    double g[3], slope[3], top, best;
+    double g[3], slope[3], top, best, left[3], by_u[3];
     soot_shape(f->m, u, g, slope, &top);
-    return soot_chi2(f, g, &best);
+    soot_chi2(f, g, &best);
+    for (int q = 0; q < 3; q++) {
+        left[q] = f->e[q] - best * g[q];
+        by_u[q] = best * g[q] * slope[q];
+    }
+    return form(f->W, left, by_u);
 }
 
-/* u = 1/T of the least chi^2: the best node, then golden sections about it. */
+/* The node of the least chi^2, the first of such.  chi^2 - e'We = -(g'We)^2 / g'Wg. */
+static int soot_node(const struct soot_fit *f)
+{
+    const double *W = f->W, *const g[3] = {f->m->node_g[0], f->m->node_g[1], f->m->node_g[2]};
+    const double w01 = 2 * W[1], w02 = 2 * W[2], w12 = 2 * W[5];
+    double We[3], chi2[NODES];
+    for (int i = 0; i < 3; i++)
+        We[i] = W[3 * i] * f->e[0] + W[3 * i + 1] * f->e[1] + W[3 * i + 2] * f->e[2];
+    for (int k = 0; k < NODES; k++) {
+        double a = g[0][k], b = g[1][k], c = g[2][k];
+        double ge = a * We[0] + b * We[1] + c * We[2];
+        double gg = a * (W[0] * a + w01 * b + w02 * c) + b * (W[4] * b + w12 * c) + W[8] * c * c;
+        ge = ge > 0 ? ge : 0;
+        chi2[k] = -ge * ge / gg;
+    }
+    int node = 0;
+    for (int k = 1; k < NODES; k++)
+        if (chi2[k] < chi2[node])
+            node = k;
+    return node;
+}
+
+/* Where soot_downhill is 0 between lo, where it is above 0, and hi, where it is below: false position (Illinois: an end
+ * that stays counts half). */
+static double soot_between(const struct soot_fit *f, double lo, double at_lo, double hi,
+                           double at_hi)
+{
+    double u = lo, was = hi;
+    for (int i = 0, stays = 0; i < CLOSER && fabs(u - was) > CLOSE * STEP; i++) {
+        was = u;
+        u = (lo * at_hi - hi * at_lo) / (at_hi - at_lo);
+        double at = soot_downhill(f, u);
+        if (at > 0) {
+            lo = u;
+            at_lo = at;
+            at_hi *= stays < 0 ? 0.5 : 1;
+            stays = -1;
+        } else if (at < 0) {
+            hi = u;
+            at_hi = at;
+            at_lo *= stays > 0 ? 0.5 : 1;
+            stays = 1;
+        } else
+            break;
+    }
+    return u;
+}
+
+/* u = 1/T of the least chi^2: near the best node, and at an end of the range where it still falls there. */
 static double soot_best(const struct soot_fit *f, int *node)
 {
-    const double ratio = 0.6180339887498949;
-    double least = INFINITY, best;
-    *node = 0;
-    for (int k = 0; k < NODES; k++) {
-        const double g[3] = {f->m->node_g[0][k], f->m->node_g[1][k], f->m->node_g[2][k]};
-        double c = soot_chi2(f, g, &best);
-        if (c < least) {
-            least = c;
-            *node = k;
-        }
-    }
-    double lo = U_LO + STEP * (*node > 0 ? *node - 1 : 0),
-           hi = U_LO + STEP * (*node < NODES - 1 ? *node + 1 : NODES - 1);
-    double a = hi - ratio * (hi - lo), b = lo + ratio * (hi - lo);
-    double at_a = soot_chi2_at(f, a), at_b = soot_chi2_at(f, b);
-    for (int i = 0; i < GOLDEN; i++)
-        if (at_a < at_b) {
-            hi = b;
-            b = a;
-            at_b = at_a;
-            a = hi - ratio * (hi - lo);
-            at_a = soot_chi2_at(f, a);
-        } else {
-            lo = a;
-            a = b;
-            at_a = at_b;
-            b = lo + ratio * (hi - lo);
-            at_b = soot_chi2_at(f, b);
-        }
-    return (lo + hi) / 2;
+    int k = *node = soot_node(f);
+    double u = U_LO + STEP * k, at = soot_downhill(f, u);
+    if (at == 0 || (at < 0 ? k == 0 : k == NODES - 1))
+        return u;
+    double other = u + (at > 0 ? STEP : -STEP), at_other = soot_downhill(f, other);
+    if ((at > 0) == (at_other > 0))
+        return u;
+    return at > 0 ? soot_between(f, u, at, other, at_other)
+                  : soot_between(f, other, at_other, u, at);
 }
 
 /* Bars of log f and 1/T: the inverse of J' W J. */
@@ -273,7 +307,7 @@ struct rec_soot_voxel rec_soot_solve(const rec_soot *m, const double e[3], const
     struct rec_soot_voxel v = soot_nothing;
     double scale, g[3], slope[3], top, amount = 0, u = 0, log_f_sd, u_sd;
     int node = 0;
-    if (!soot_scale(&f, e, N, &scale))
+    if (!soot_scale(&f, e, N, &scale) || !(soot_light(&f) >= m->p.light))
         return v;
     double seen[3] = {fmax(f.e[0], 0), fmax(f.e[1], 0), fmax(f.e[2], 0)};
     for (int pass = 0; pass < 2; pass++) {
@@ -284,10 +318,6 @@ struct rec_soot_voxel rec_soot_solve(const rec_soot *m, const double e[3], const
         v.chi2 = fmax(soot_chi2(&f, g, &amount), 0);
         for (int q = 0; q < 3; q++)
             seen[q] = amount * g[q];
-    }
-    if (!(soot_light(&f) >= m->p.light)) {
-        v.chi2 = NAN;
-        return v;
     }
     if (v.chi2 > m->p.reject) {
         v.state = REC_SOOT_NOT;

@@ -18,7 +18,7 @@
  * log I_q is kept at even steps of 1/T with its exact slope and is a cubic between (Hermite): off by less than
  * (h R)^4 / 2048 of I, h the step, R the spread of c2 / l over the response; for 380 to 780 nm that is 2e-6.
  * Its slope is between c2 / l_max and c2 / l_min, so that it stays monotone.
- * Threads: rec_soot_new makes it, and then it is only read.  Cost: 1 to 3 microseconds a voxel. */
+ * Threads: rec_soot_new makes it, and then it is only read.  Cost: 0.7 microseconds a voxel, little where it is dark. */
 #ifndef REC_SOOT_H
 #define REC_SOOT_H
 #include "base/err.h"
