@@ -85,7 +85,7 @@ struct dmn_config {
     int selfcal;    /* enum rec_selfcal_mode */
 
     struct dmn_texts endpoints;
-    char previews[DMN_WORD_MAX];
+    char previews[DMN_WORD_MAX], temperature[DMN_WORD_MAX];
     int sample, compress;
     int64_t hwm;
     int wait_subscriber;

@@ -121,14 +121,21 @@ bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum
     return asks && c->key_server[0] != '\0';
 }
 
-enum pvp_compress dmn_endpoints_compress(const struct dmn_config *c)
+enum pvp_compress dmn_endpoint_compress(const struct dmn_config *c, const char *endpoint)
 {
     enum { AUTO };
     static const enum pvp_compress said[] = {[AUTO] = PVP_RAW, PVP_RAW, PVP_LZ4, PVP_ZSTD};
-    for (size_t i = 0; c->compress == AUTO && i < c->endpoints.n; i++)
-        if (dmn_endpoint_reach(c->endpoints.v[i]) == DMN_REACH_NET)
-            return PVP_LZ4;
-    return said[c->compress];
+    bool far = c->compress == AUTO && dmn_endpoint_reach(endpoint) == DMN_REACH_NET;
+    return far ? PVP_LZ4 : said[c->compress];
+}
+
+enum pvp_compress dmn_endpoints_compress(const struct dmn_config *c)
+{
+    enum pvp_compress near = dmn_endpoint_compress(c, "");
+    for (size_t i = 0; i < c->endpoints.n; i++)
+        if (dmn_endpoint_compress(c, c->endpoints.v[i]) != near)
+            return dmn_endpoint_compress(c, c->endpoints.v[i]);
+    return near;
 }
 
 pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, struct pvx_diag *d)
@@ -141,15 +148,21 @@ pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, str
     for (size_t i = 0; i < c->endpoints.n; i++)
         if (dmn_endpoint_reach(c->endpoints.v[i]) == DMN_REACH_NET)
             *open = c->endpoints.v[i];
-    bool previews = dmn_endpoint_reach(c->previews) == DMN_REACH_NET;
-    if (previews)
-        *open = c->previews;
+    const char *which = "endpoints";
+    const struct {
+        const char *key, *endpoint;
+    } others[] = {{"previews", c->previews}, {"temperature", c->temperature}};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (dmn_endpoint_reach(others[i].endpoint) == DMN_REACH_NET) {
+            which = others[i].key;
+            *open = others[i].endpoint;
+        }
     if (*open != NULL && !c->insecure)
         return pvx_fail(d, PVX_EPERM,
                         "%s: publish.%s: %s lets everybody in who reaches it, unencrypted; " HELP
                         ", or publish on tcp://127.0.0.1:PORT and forward that (ssh -L), or say "
                         "'insecure: true' on a network where all are trusted",
-                        c->name, previews ? "previews" : "endpoints", *open);
+                        c->name, which, *open);
     if (dmn_endpoint_reach(c->control) == DMN_REACH_FILE)
         return PVX_OK;
     *open = c->control;

@@ -37,6 +37,8 @@ bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum
 /* publish.compress; `auto` is LZ4 where volumes go to other hosts, and none where all readers are on this one
  * (proto/README.md has the figures). */
 enum pvp_compress dmn_endpoints_compress(const struct dmn_config *c);
+/* The same of an endpoint by itself. */
+enum pvp_compress dmn_endpoint_compress(const struct dmn_config *c, const char *endpoint);
 
 /* Checks access: volumes may be open to this host, and control to a file.  Anything beyond that takes keys, or
  * `insecure: true` in the configuration.  *open: an endpoint of c that is open beyond that, for a warning; NULL =

@@ -211,6 +211,9 @@ const struct dmn_option dmn_options[] = {
     TEXT("publish.previews", previews,
          "Endpoint of the cameras' previews, which are made only for subscribers. Empty: the "
          "first ipc path of publish.endpoints followed by .previews. off: none."),
+    TEXT("publish.temperature", temperature,
+         "Endpoint of volumes in kelvin, the temperature of soot, which are made only for "
+         "subscribers. Needs `spectral:` in the rig and model.error_bars. Empty: none."),
     CHOICE("publish.sample", sample, "f16", "f16|f32", "Number format of the voxels."),
     CHOICE("publish.compress", compress, "auto", "auto|none|lz4|zstd",
            "Compression of the voxels. auto: lz4 if an endpoint is for other hosts, else none."),

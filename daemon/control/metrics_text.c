@@ -48,6 +48,17 @@ static void cause(FILE *f, const char *name, const char *why, uint64_t v)
     fprintf(f, "} %llu\n", (unsigned long long)v);
 }
 
+static void temperature_metrics(FILE *f, const struct dmn_temperature_counts *t)
+{
+    gauge(f, "temperature_subscribers", "of publish.temperature", (double)t->subscribers);
+    counter(f, "temperature_sets_total", "volumes in kelvin that went out", t->made);
+    counter(f, "temperature_left_out_total",
+            "sets without temperatures, since those of an older set were still being made",
+            t->left_out);
+    counter(f, "temperature_without_bars_total",
+            "sets without temperatures, for lack of error bars", t->without_bars);
+}
+
 static void drops(FILE *f, const struct dmn_state *s)
 {
     family(f, "sets_dropped_total", "counter",
@@ -199,6 +210,8 @@ char *dmn_metrics_text(const struct dmn_state *s)
     gauge(f, "sets_per_second", "published, over the last second or two", s->sets_per_s);
     latency(f, s);
     gauge(f, "subscribers", "subscriptions that are open", (double)s->subscribers);
+    if (s->temperature.on)
+        temperature_metrics(f, &s->temperature);
     gauge(f, "clients_listed", "keys that may come in", (double)s->clients_listed);
     counter(f, "connections_refused_total", "keys that are not listed, or of another role",
             s->connections_refused);

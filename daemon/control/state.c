@@ -291,6 +291,14 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_int(&j, "subscribers", (long long)s->previews_subscribers);
     dmn_json_int(&j, "made", (long long)s->previews_made);
     dmn_json_close(&j, '}');
+    if (s->temperature.on) {
+        dmn_json_open(&j, "temperature", '{');
+        dmn_json_int(&j, "subscribers", (long long)s->temperature.subscribers);
+        dmn_json_int(&j, "made", (long long)s->temperature.made);
+        dmn_json_int(&j, "left_out", (long long)s->temperature.left_out);
+        dmn_json_int(&j, "without_bars", (long long)s->temperature.without_bars);
+        dmn_json_close(&j, '}');
+    }
     dmn_json_num(&j, "sets_per_s", s->sets_per_s);
     json_sets(&j, s);
     dmn_json_open(&j, "latency_ms", '{');

@@ -127,6 +127,11 @@ struct dmn_state {
     struct dmn_beside_state volumes;
     struct dmn_stage_state stage[DMN_N_STAGES];
     uint64_t previews_made, previews_subscribers;
+    struct dmn_temperature_counts {
+        bool on;
+        /* sets while there were subscribers: sent; not, since the thread was still at an older one; not, without bars */
+        uint64_t made, left_out, without_bars, subscribers;
+    } temperature;
 };
 
 #define DMN_STATE_JSON_MAX (448u << 10)

@@ -22,7 +22,8 @@
 #include "daemon/pipeline/watch.h"
 #include "recon/matrix/active.h"
 
-#define LOOK_ROWS 8 /* of a picture's rows one in so many is looked at for its depth */
+#define LIVE_BARS(c) false /* until the daemon makes bars */
+#define LOOK_ROWS    8     /* of a picture's rows one in so many is looked at for its depth */
 
 struct dmn_live {
     struct dmn_config cfg;
@@ -46,8 +47,9 @@ struct dmn_live {
     struct dmn_cameras_in in;
     struct dmn_publish out;
     dmn_watch *watch;
-    rec_average *average;   /* NULL: the cameras are taken as they are */
-    dmn_previews *previews; /* NULL = none */
+    rec_average *average;         /* NULL: the cameras are taken as they are */
+    dmn_previews *previews;       /* NULL = none */
+    dmn_temperature *temperature; /* NULL = none */
     dmn_pipeline *pipeline;
     atomic_bool stopping;
     int64_t t_start_ns;
@@ -92,6 +94,8 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     PVX_TRY(dmn_config_rig(c, &l->rig, d));
     dmn_config_path(c, c->rig, path, sizeof path);
     PVX_TRY(dmn_config_sees(&l->rig, path, d));
+    PVX_TRY(dmn_temperature_new(c, &l->rig, LIVE_BARS(c), &l->temperature, d));
+    l->out.temperature = l->temperature;
     size_t len;
     PVX_TRY(rec_rig_format(&l->rig, &l->rig_text, &len));
     l->out.rig_text = l->rig_text;
@@ -219,6 +223,9 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
                                            .start = &l->out.start,
                                            .rig_text = l->rig_text};
     PVX_TRY(dmn_previews_new(&vp, &l->previews, d));
+    const struct dmn_temperature_params tp = {
+        .config = c, .auth = l->auth, .start = &l->out.start, .rig_text = l->rig_text};
+    PVX_TRY(dmn_temperature_open(l->temperature, &tp, d));
     dmn_config_frame(c, &pp.frame);
     if (pp.frame.selfcal != REC_SELFCAL_OFF)
         PVX_TRY(rec_average_new(l->rig.n_cameras, l->S->binning, REC_AVERAGE_BLOCK,
@@ -315,6 +322,7 @@ void dmn_live_free(dmn_live **lp)
     rec_average_free(&l->average);   /* after the pipeline's solver, which uses it */
     dmn_watch_free(&l->watch);       /* after the pipeline, which offers it sets */
     dmn_previews_free(&l->previews); /* likewise */
+    dmn_temperature_free(&l->temperature);
     dmn_images_free(&l->images);
     dmn_photometry_free(&l->light);
     dmn_background_free(&l->background);
@@ -363,6 +371,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     dmn_images_counts(l->images, out->images);
     dmn_watch_state(l->watch, out);
     dmn_previews_state(l->previews, out);
+    dmn_temperature_state(l->temperature, out);
 }
 
 pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, size_t size,
@@ -445,6 +454,7 @@ void dmn_live_tune(dmn_live *l, const struct dmn_config *c)
     dmn_images_black(l->images, (float)c->black);
     atomic_store(&l->in.stale_ns, stale_after(c, &t));
     dmn_publish_compress(&l->out, c);
+    dmn_temperature_compress(l->temperature, c);
 }
 
 pvx_err dmn_live_record_volumes(dmn_live *l, bool start, char *where, size_t size,

@@ -82,6 +82,7 @@ static bool publish_put(void *ctx, const struct dmn_slot *s)
     pthread_mutex_unlock(&p->lock);
     p->published++;
     dmn_instant_volume(p->instant, &m, &v);
+    dmn_temperature_offer(p->temperature, s, &m);
     return true;
 }
 

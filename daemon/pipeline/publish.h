@@ -11,6 +11,7 @@
 #include "daemon/pipeline/events.h"
 #include "daemon/pipeline/instant.h"
 #include "daemon/pipeline/pipeline.h"
+#include "daemon/pipeline/temperature.h"
 #include "daemon/pipeline/triggers.h"
 #include "proto/pub.h"
 
@@ -26,8 +27,9 @@ struct dmn_publish {
     /* what the status message says */
     void (*snapshot)(void *ctx, struct dmn_state *out);
     void *ctx;
-    dmn_triggers_run *triggers; /* judge each volume; borrowed, or NULL */
-    dmn_instant *instant;       /* may keep a volume; borrowed, or NULL */
+    dmn_triggers_run *triggers;   /* judge each volume; borrowed, or NULL */
+    dmn_instant *instant;         /* may keep a volume; borrowed, or NULL */
+    dmn_temperature *temperature; /* makes temperatures of some; borrowed, or NULL */
 
     pthread_mutex_t lock;
     struct pvx_hist latency;

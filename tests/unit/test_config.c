@@ -199,6 +199,9 @@ T_CASE(who_is_let_in)
     T_EQ_I(parse("publish: {previews: 'tcp://*:1'}\n"), PVX_OK);
     T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
     T_CONTAINS(d.text, "publish.previews");
+    T_EQ_I(parse("publish: {temperature: 'tcp://*:1'}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
+    T_CONTAINS(d.text, "publish.temperature: tcp://*:1");
     T_EQ_I(parse("control: {endpoint: 'ipc://@x'}\n"), PVX_OK);
     T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
     T_EQ_I(parse("control: {endpoint: 'ipc://@x'}\ninsecure: true\n"), PVX_OK);
@@ -215,7 +218,8 @@ T_CASE(what_goes_to_other_hosts_is_compressed)
         {"{}\n", PVP_RAW},
         {"publish: {endpoints: ['ipc:///tmp/x', 'tcp://127.0.0.1:1']}\n", PVP_RAW},
         {"publish: {endpoints: ['ipc:///tmp/x', 'tcp://*:1']}\n", PVP_LZ4},
-        {"publish: {previews: 'tcp://*:1'}\n", PVP_RAW}, /* which are JPEG */
+        {"publish: {previews: 'tcp://*:1'}\n", PVP_RAW},    /* which are JPEG */
+        {"publish: {temperature: 'tcp://*:1'}\n", PVP_RAW}, /* by itself: below */
         {"publish: {endpoints: ['tcp://*:1'], compress: none}\n", PVP_RAW},
         {"publish: {endpoints: ['tcp://*:1'], compress: zstd}\n", PVP_ZSTD},
         {"publish: {compress: lz4}\n", PVP_LZ4},
@@ -224,6 +228,10 @@ T_CASE(what_goes_to_other_hosts_is_compressed)
         T_EQ_I(parse(rows[i].yaml), PVX_OK);
         T_EQ_I(dmn_endpoints_compress(&c), rows[i].comp);
     }
+    T_EQ_I(parse("publish: {endpoints: ['tcp://*:1'], temperature: 'ipc:///tmp/x'}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoint_compress(&c, c.temperature), PVP_RAW);
+    T_EQ_I(parse("publish: {temperature: 'tcp://*:1'}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoint_compress(&c, c.temperature), PVP_LZ4);
 }
 
 T_CASE(printing_gives_back_the_same)

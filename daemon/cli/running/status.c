@@ -61,6 +61,11 @@ static void print_sets(const cJSON *s)
         printf("keys      %.0f may come in, %.0f connections were refused\n",
                ask_num(s, "keys", "listed"), ask_num(s, "keys", "refused"));
     printf("clients   %.0f subscribed\n", ask_num(s, "subscribers", NULL));
+    if (cJSON_HasObjectItem(s, "temperature"))
+        printf("kelvin    %.0f subscribed; %.0f sets sent, %.0f left out since an older one was "
+               "still being made, %.0f without error bars\n",
+               ask_num(s, "temperature", "subscribers"), ask_num(s, "temperature", "made"),
+               ask_num(s, "temperature", "left_out"), ask_num(s, "temperature", "without_bars"));
     printf("latency   p50 %.1f ms, p99 %.1f ms, max %.1f ms over %.0f sets\n",
            ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
            ask_num(s, "latency_ms", "max"), ask_num(s, "latency_ms", "n"));

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "daemon/cli/common/arg.h"
+#include "recon/spectral/soot.h"
 
 enum { OPT_SIZE = 0x100, OPT_FORMAT, OPT_NOISE, OPT_SET, OPT_AT };
 
@@ -32,6 +33,9 @@ static const struct cli_row rows[] = {
      "images per second of the flame's motion (15). The client sets the frame rate"},
     {"ring", "N", AT(ring), 1, 100000, "images per camera, rendered first and then repeated (30)"},
     {"seed", "N", AT(seed), 0, UINT32_MAX, "another number is another flame (1)"},
+    {"kelvin", "T", AT(kelvin), REC_SOOT_T_LO, REC_SOOT_T_HI,
+     "the flame is soot of this temperature everywhere, in the colours that --rig's `spectral:` "
+     "gives it"},
     {"black", "PERCENT", AT(black), 0, 50, "black level, share of full scale (2)"},
     {"noise", "PERCENT[,G,B]", CLI_KEY(OPT_NOISE), 0, 0,
      "standard deviation of Gaussian noise, share of full scale (0.5); one number, or one each "

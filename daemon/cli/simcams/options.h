@@ -9,8 +9,8 @@ struct simcams_args {
     const char *rig, *write_rig, *write_frames, *address, *board;
     int64_t cameras, ring, seed, sub, max_memory, voxels, poses;
     int32_t width, height;
-    double radius, raise, fps, black, hold_s;
-    double noise[3]; /* per cent, red green blue */
+    double radius, raise, fps, black, hold_s, kelvin; /* kelvin 0: not soot */
+    double noise[3];                                  /* per cent, red green blue */
     double tick_hz, ptp_ms;
     bool boot_clock, zip;
     enum cap_pixfmt fmt;

@@ -244,6 +244,18 @@ size_t simcams_ring_bytes(const struct rec_rig *rig, const struct simcams_ring_p
     return pixels * each * p->n;
 }
 
+/* Each blob as bright as its brightest channel, in this colour. */
+static void ring_colour(struct rec_flame_pose *pose, const double colour[3])
+{
+    if (!(colour[0] + colour[1] + colour[2] > 0))
+        return;
+    for (int g = 0; g < pose->n; g++) {
+        double *a = pose->blob[g].a, most = fmax(a[0], fmax(a[1], a[2]));
+        for (int q = 0; q < 3; q++)
+            a[q] = most * colour[q];
+    }
+}
+
 /* All images, one instant after the other. */
 static pvx_err render_all(struct job *j, bool (*progress)(void *ctx, double done), void *ctx)
 {
@@ -255,6 +267,7 @@ static pvx_err render_all(struct job *j, bool (*progress)(void *ctx, double done
     pvx_err e = pvx_pool_new(0, "ring", &pool);
     for (size_t i = 0; e == PVX_OK && i < p->n; i++) {
         rec_flame_at(&flame, (double)i / p->fps, &j->pose);
+        ring_colour(&j->pose, p->colour);
         j->i = i;
         pvx_pool_run(pool, cameras * j->bands, ring_render, j);
         for (size_t c = 0; e == PVX_OK && c < cameras; c++)

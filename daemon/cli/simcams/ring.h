@@ -6,7 +6,8 @@
  * and the pedestal that real cameras have.  The pedestal keeps noise from being clipped at 0: a clipped background
  * has a positive mean, which reconstructs as haze.  L comes from rec_flame_render, to 2^-14 of full scale, up to 4.
  * Mono8: mean of the three channels; BayerRG8: each pixel its own colour.  Everything is a function of rig, n, fps,
- * seed, state and noise, so these give the truth.  Image i shows rec_flame_at(f, i/fps) of simcams_flame().  With
+ * seed, state and noise, so these give the truth.  Image i shows rec_flame_at(f, i/fps) of simcams_flame(), or the
+ * same in one colour.  With
  * `keep` the pictures L stay beside the images, at two bytes a sample.  Then an image can be made anew for other
  * optics: 640x480 RGB8 in 3 ms, more with a response, a background or blur. */
 #ifndef SIMCAMS_RING_H
@@ -24,8 +25,9 @@ struct simcams_ring_params {
     size_t n;            /* images per camera */
     double fps;
     uint32_t seed;
-    double noise[3]; /* red, green, blue: standard deviation, share of full scale */
-    int sub;         /* sub x sub rays per pixel */
+    double colour[3]; /* of all of the flame, the largest 1; 0 0 0: as simcams_flame() has it */
+    double noise[3];  /* red, green, blue: standard deviation, share of full scale */
+    int sub;          /* sub x sub rays per pixel */
     bool keep;
     const struct simcams_state *state; /* [n_cameras]; NULL: healthy, no pedestal */
     const struct simcams_board *board; /* instead of the flame, n is its pictures; NULL: none */

@@ -1,6 +1,7 @@
 /* simcams.c - `pyrovox simcams`: a rig of GigE Vision cameras that look at a flame, or at a board. */
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,6 +19,7 @@
 #include "daemon/cli/simcams/options.h"
 #include "daemon/cli/simcams/ring.h"
 #include "daemon/cli/common/opt_rig.h"
+#include "recon/spectral/soot.h"
 
 #define MIB 1048576.0
 
@@ -85,6 +87,29 @@ static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* Of soot as the rig's channels see it, the largest 1. */
+static pvx_err soot_colour(const struct simcams *s, double colour[3], struct pvx_diag *d)
+{
+    const double kelvin = s->a->kelvin;
+    struct pvx_diag why = {""};
+    rec_soot *soot;
+    if (!(kelvin > 0))
+        return PVX_OK;
+    if (s->rig.spectral == NULL)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--kelvin: the colours of soot are known to a --rig with `spectral:` "
+                        "(pyrovox calibrate spectral)");
+    pvx_err e = rec_soot_new(s->rig.spectral, &rec_soot_defaults, &soot, &why);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "--kelvin: %s: %s", s->a->rig, pvx_diag_text(&why, e));
+    rec_soot_emission(soot, kelvin, colour);
+    rec_soot_free(&soot);
+    double most = fmax(colour[0], fmax(colour[1], colour[2]));
+    for (int q = 0; q < 3; q++)
+        colour[q] /= most;
+    return PVX_OK;
+}
+
 static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
 {
     const struct simcams_args *a = s->a;
@@ -97,6 +122,7 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
         .sub = (int)a->sub,
         .keep = a->write_frames == NULL && (a->control || a->n_at > 0),
         .state = s->state};
+    PVX_TRY(soot_colour(s, p.colour, d));
     if (a->board != NULL) {
         PVX_TRY(simcams_board_init(a->board, &s->rig, (size_t)a->poses, a->hold_s,
                                    (uint32_t)a->seed, &s->board, d));
