@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "capture/files/imgio.h"
+#include "daemon/volumes/folder.h"
 #include "proto/pvp.h"
 
 static double volume_file_ms(int64_t ns)
@@ -126,10 +127,22 @@ static cJSON *volume_file_describe(const char *path, const struct dmn_volume_met
     return o;
 }
 
+static pvx_err save_bars(const char *path, const float *sd, const size_t shape[4],
+                         struct pvx_diag *d)
+{
+    char bars[PATH_MAX], *slash;
+    if (!vol_sd_path(path, bars, sizeof bars) || (slash = strrchr(bars, '/')) == NULL)
+        return pvx_fail(d, PVX_EINVAL, "%s: path too long", path);
+    *slash = '\0';
+    PVX_TRY(pvx_mkdirs(bars, d));
+    *slash = '/';
+    return cap_npy_save(bars, sd, shape, 4, d);
+}
+
 pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const float *dense,
                         const float *sd, struct pvx_diag *d)
 {
-    char json[PATH_MAX], bars[PATH_MAX + 8];
+    char json[PATH_MAX];
     PVX_TRY(sidecar(path, json, sizeof json, d));
     cJSON *o = volume_file_describe(path, m);
     char *text = cJSON_Print(o);
@@ -142,9 +155,8 @@ pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const
         return e;
     size_t shape[4] = {(size_t)m->grid.n[2], (size_t)m->grid.n[1], (size_t)m->grid.n[0],
                        (size_t)m->nch};
-    snprintf(bars, sizeof bars, "%.*s.sd.npy", (int)strlen(path) - 4, path);
     if (m->bars)
-        PVX_TRY(cap_npy_save(bars, sd, shape, 4, d));
+        PVX_TRY(save_bars(path, sd, shape, d));
     return cap_npy_save(path, dense, shape, 4, d);
 }
 

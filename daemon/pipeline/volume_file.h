@@ -21,7 +21,8 @@ struct dmn_volume_meta {
     uint32_t doubt;
 };
 
-/* dense [nz][ny][nx][nch]; sd, the same of its error bars, as NAME.sd.npy, if meta->bars.  `path` ends in .npy.  Errors name the file: PVX_ENOSPC, PVX_EPERM, ... */
+/* dense [nz][ny][nx][nch]; sd, the same of its error bars, as sd/NAME.npy, if meta->bars.
+ * `path` ends in .npy.  Errors name the file: PVX_ENOSPC, PVX_EPERM, ... */
 PVX_MUST_CHECK pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *meta,
                                        const float *dense, const float *sd, struct pvx_diag *d);
 

@@ -3,6 +3,7 @@
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -49,8 +50,7 @@ pvx_err vol_folder_list(const char *dir, const char *end, struct vol_folder *out
     pvx_err e = out->name != NULL ? PVX_OK : PVX_ENOMEM;
     for (int i = 0; i < n; i++) {
         const char *name = entry[i]->d_name;
-        if (e == PVX_OK && name[0] != '.' && pvx_path_ends(name, end) &&
-            !pvx_path_ends(name, VOL_SD)) {
+        if (e == PVX_OK && name[0] != '.' && pvx_path_ends(name, end)) {
             out->name[out->n] = strdup(name);
             e = out->name[out->n] != NULL ? PVX_OK : PVX_ENOMEM;
             out->n += e == PVX_OK;
@@ -63,6 +63,12 @@ pvx_err vol_folder_list(const char *dir, const char *end, struct vol_folder *out
             e = pvx_fail(d, PVX_EFORMAT, "%s: %s and %s have one number; move one of them away",
                          dir, out->name[i - 1], out->name[i]);
     return e;
+}
+
+bool vol_sd_path(const char *npy, char *out, size_t size)
+{
+    const char *slash = strrchr(npy, '/'), *name = slash != NULL ? slash + 1 : npy;
+    return snprintf(out, size, "%.*s" VOL_SD "/%s", (int)(name - npy), npy, name) < (int)size;
 }
 
 void vol_folder_free(struct vol_folder *f)
@@ -80,7 +86,7 @@ bool vol_folder_has(const char *path, const char *end)
     if (stat(path, &st) != 0)
         return false;
     if (!S_ISDIR(st.st_mode))
-        return pvx_path_ends(path, end) && !pvx_path_ends(path, VOL_SD);
+        return pvx_path_ends(path, end);
     pvx_err e = vol_folder_list(path, end, &f, NULL);
     bool has = f.n > 0 && (e == PVX_OK || e == PVX_EFORMAT);
     vol_folder_free(&f);

@@ -5,14 +5,16 @@
 #include <stddef.h>
 #include "base/err.h"
 
-/* NAME.sd.npy beside NAME.npy has its error bars, and is no volume. */
-#define VOL_SD ".sd.npy"
+/* DIR/sd/NAME.npy has the error bars of DIR/NAME.npy.  So every .npy in a folder is a volume, also for other programs. */
+#define VOL_SD "sd"
+/* false: too long for `size`. */
+bool vol_sd_path(const char *npy, char *out, size_t size);
 
 struct vol_folder {
     char **name; /* [n] without the folder's */
     size_t n;
 };
-/* Names that end in `end`.  Hidden files and error bars are passed over.  Owner: caller, vol_folder_free, also after an error.
+/* Names that end in `end`.  Hidden files are passed over.  Owner: caller, vol_folder_free, also after an error.
  * Errors: PVX_EFORMAT (two files have one number: names both), PVX_ENOENT, PVX_EPERM. */
 PVX_MUST_CHECK pvx_err vol_folder_list(const char *dir, const char *end, struct vol_folder *out,
                                        struct pvx_diag *d);

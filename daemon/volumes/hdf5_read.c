@@ -23,6 +23,7 @@ struct in {
     struct vol_bars_file bars;
     bool chunked;          /* as the recorder does it; else another program wrote it anew */
     bool modes;            /* are wanted */
+    bool spare, closed;    /* damaged bars are left out; the file says that it is complete */
     uint64_t said, n_gaps; /* sets that the file claims; rows of gaps */
     char *rig, *config;
     struct vol_gap *gap;
@@ -229,17 +230,14 @@ void vol_hdf5_has_bars(const void *self, bool *sd, uint32_t *modes)
     *modes = b->modes >= 0 ? b->n_modes : 0;
 }
 
-/* Read set k.  look: check the modes of its bars too, though they are not wanted.  PVX_ECORRUPT: it is not as it was
- * written. */
-static pvx_err hdf5_read_load(struct in *r, uint64_t k, bool look, struct vol_row *row,
-                              struct vol_bars_row *b)
+/* Read set k with the bars that b has.  look: check their modes too, though they are not wanted. */
+static pvx_err hdf5_read_planes(struct in *r, uint64_t k, bool look, const struct vol_row *row,
+                                const struct vol_bars_row *b)
 {
     const struct vol_plane emission = {
         .from = r->emission, .chunked = r->chunked, .set = k, .mode = -1, .number = 0};
     uint64_t seed = 0;
     uint32_t found = 0;
-    if (!read_row(r, k, row) || !vol_bars_row(&r->bars, k, b))
-        return PVX_ECORRUPT;
     const bool modes = r->modes && b->modes > 0;
     PVX_TRY(vol_unpack_begin(&r->unpack,
                              b->doubt == VOL_NO_BARS ? 1
@@ -253,18 +251,41 @@ static pvx_err hdf5_read_load(struct in *r, uint64_t k, bool look, struct vol_ro
     return vol_unpack_end(&r->unpack);
 }
 
+/* Read set k.  Where that is allowed, damaged modes are left out, or all bars, and *less says so.  PVX_ECORRUPT: it is not
+ * as it was written. */
+static pvx_err hdf5_read_load(struct in *r, uint64_t k, bool look, struct vol_row *row,
+                              struct vol_bars_row *b, bool *less)
+{
+    *less = false;
+    if (!read_row(r, k, row))
+        return PVX_ECORRUPT;
+    pvx_err e = vol_bars_row(&r->bars, k, b) ? hdf5_read_planes(r, k, look, row, b) : PVX_ECORRUPT;
+    if (e == PVX_ECORRUPT && r->spare && b->modes > 0) {
+        *less = true;
+        b->modes = 0;
+        e = hdf5_read_planes(r, k, look, row, b);
+    }
+    if (e == PVX_ECORRUPT && r->spare) {
+        *less = true;
+        *b = (struct vol_bars_row){.doubt = VOL_NO_BARS};
+        e = hdf5_read_planes(r, k, look, row, b);
+    }
+    return e;
+}
+
 /* The bars of the set that was read last. */
-static struct vol_bars bars_of(const struct in *r, const struct vol_bars_row *b)
+static struct vol_bars bars_of(const struct in *r, const struct vol_bars_row *b, bool less)
 {
     const struct vol_unpacker *u = &r->unpack;
     const size_t plane = u->n * u->cells;
     if (b->doubt == VOL_NO_BARS)
-        return (struct vol_bars){0};
+        return (struct vol_bars){.damaged = less};
     const bool modes = r->modes && b->modes > 0;
     return (struct vol_bars){.sd = u->brick + plane,
                              .n_modes = modes ? b->modes : 0,
                              .modes = modes ? u->brick + 2 * plane : NULL,
-                             .doubt = b->doubt};
+                             .doubt = b->doubt,
+                             .damaged = less};
 }
 
 static void hdf5_modes(void *self, bool on)
@@ -277,11 +298,14 @@ static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct p
     struct in *r = self;
     struct vol_row row;
     struct vol_bars_row bars;
+    bool less;
     take_h5_init();
-    pvx_err e = hdf5_read_load(r, k, false, &row, &bars);
+    pvx_err e = hdf5_read_load(r, k, r->spare, &row, &bars, &less);
     H5Eclear2(H5E_DEFAULT);
     if (e != PVX_OK)
-        return pvx_fail(d, e, "%s: volume %llu is damaged", r->path, (unsigned long long)k);
+        return pvx_fail(
+            d, e, "%s: volume %llu is damaged%s", r->path, (unsigned long long)k,
+            e == PVX_ECORRUPT ? ", or its error bars; `pyrovox repair` keeps what is whole" : "");
     *out = (struct vol_volume){
         .v = {.session = r->start.session,
               .set = row.number,
@@ -308,7 +332,7 @@ static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct p
         .n_bricks = r->unpack.n,
         .ids = r->unpack.ids,
         .brick = r->unpack.brick,
-        .bars = bars_of(r, &bars),
+        .bars = bars_of(r, &bars, less),
     };
     memcpy(out->v.report.solver, row.solver, sizeof row.solver);
     out->v.report.solver[sizeof row.solver - 1] = '\0';
@@ -320,18 +344,28 @@ static uint64_t whole_sets(struct in *r)
 {
     struct vol_row row;
     struct vol_bars_row bars;
+    bool less;
     uint64_t good = 0, bad = r->said; /* sets before `good` are complete, `bad` is not */
-    if (bad > 0 && hdf5_read_load(r, bad - 1, true, &row, &bars) == PVX_OK)
+    if (bad > 0 && hdf5_read_load(r, bad - 1, true, &row, &bars, &less) == PVX_OK)
         good = bad;
     while (good < bad) {
         uint64_t mid = good + (bad - good) / 2;
-        if (hdf5_read_load(r, mid, true, &row, &bars) == PVX_OK)
+        if (hdf5_read_load(r, mid, true, &row, &bars, &less) == PVX_OK)
             good = mid + 1;
         else
             bad = mid;
     }
     H5Eclear2(H5E_DEFAULT);
     return good;
+}
+
+static void hdf5_spare(void *self, uint64_t *count, bool *cut)
+{
+    struct in *r = self;
+    take_h5_init();
+    r->spare = true;
+    *count = whole_sets(r);
+    *cut = !r->closed || *count != r->said;
 }
 
 static void hdf5_read_hdf5_close(void *self)
@@ -368,8 +402,8 @@ static pvx_err hdf5_read_open_all(struct in *r, const char *path, uint64_t *coun
         return hdf5_read_wrong(r, d, wrong);
     PVX_TRY(vol_unpacker_open(&r->unpack, &r->start.grid));
     *count = whole_sets(r);
-    closed &= *count == r->said; /* else it was cut after it was closed */
-    *cut = !closed;
+    r->closed = closed;
+    *cut = !closed || *count != r->said; /* the latter: it was cut after it was closed */
     return PVX_OK;
 }
 
@@ -406,4 +440,5 @@ const struct vol_reader_ops vol_hdf5_reader = {.is = hdf5_is,
                                                .get = hdf5_get,
                                                .gap = hdf5_read_hdf5_gap,
                                                .modes = hdf5_modes,
+                                               .spare = hdf5_spare,
                                                .close = hdf5_read_hdf5_close};

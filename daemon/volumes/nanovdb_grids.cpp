@@ -346,6 +346,14 @@ struct Book {
     {
         add_scalar(name, [](const Cells &in, int n) { return in.c[C][n]; });
     }
+    void add_vectors(const char *name)
+    {
+        add<Vec3f>(
+            name, [](const Cells &in, int n) { return Vec3f(in.c[0][n], in.c[1][n], in.c[2][n]); },
+            [](const Cells &in, int n) {
+                return in.c[0][n] * in.c[0][n] + in.c[1][n] * in.c[1][n] + in.c[2][n] * in.c[2][n];
+            });
+    }
     void add_all(const std::string &notes)
     {
         if (v.channels == 1)
@@ -361,24 +369,19 @@ struct Book {
             add_channel<1>("green");
             add_channel<2>("blue");
         } else if (v.channels == 3) {
-            add<Vec3f>(
-                "emission",
-                [](const Cells &in, int n) { return Vec3f(in.c[0][n], in.c[1][n], in.c[2][n]); },
-                [](const Cells &in, int n) {
-                    return in.c[0][n] * in.c[0][n] + in.c[1][n] * in.c[1][n] +
-                           in.c[2][n] * in.c[2][n];
-                });
+            add_vectors("emission");
         }
     }
     void add_bars()
     {
         if (v.channels == 1)
             add_channel<0>("emission_sd");
-        else if (!v.split)
+        else if (!v.split) {
             add_scalar("emission_sd", [](const Cells &in, int n) {
                 return luminance(in.c[0][n], in.c[1][n], in.c[2][n]);
             });
-        else {
+            add_vectors("rgb_sd");
+        } else {
             add_channel<0>("red_sd");
             add_channel<1>("green_sd");
             add_channel<2>("blue_sd");
@@ -398,13 +401,22 @@ struct Book {
             for (auto &s : sheets)
                 s->put_leaf(k, Coord(first.x, first.y, first.z), cells);
         }
-        for (size_t k = 0; k < sheets.size(); k++) {
-            sheets[k]->finish();
-            grids[k]->mGridIndex = static_cast<uint32_t>(k);
-            grids[k]->mGridCount = static_cast<uint32_t>(grids.size());
-        }
+        for (auto &s : sheets)
+            s->finish();
     }
 };
+
+/* Number the grids of n bytes. */
+void count_grids(char *at, size_t n)
+{
+    std::vector<nanovdb::GridData *> all;
+    for (char *end = at + n; at < end; at += all.back()->mGridSize)
+        all.push_back(reinterpret_cast<nanovdb::GridData *>(at));
+    for (size_t k = 0; k < all.size(); k++) {
+        all[k]->mGridIndex = static_cast<uint32_t>(k);
+        all[k]->mGridCount = static_cast<uint32_t>(all.size());
+    }
+}
 
 } // namespace
 
@@ -415,10 +427,10 @@ size_t nano_room(const vol_vdb_bricks &v, size_t notes)
         lowers *= (n + LOWER - 1) / LOWER;
     lowers = std::min<size_t>(lowers, v.n_bricks);
     const size_t scalar = bytes_of<float>(v.n_bricks, lowers);
-    return notes_bytes(notes) + scalar +
-           (v.channels == 1 ? 0
-            : v.split       ? 3 * scalar
-                            : bytes_of<Vec3f>(v.n_bricks, lowers));
+    const size_t one = scalar + (v.channels == 1 ? 0
+                                 : v.split       ? 3 * scalar
+                                                 : bytes_of<Vec3f>(v.n_bricks, lowers));
+    return notes_bytes(notes) + (v.sd != nullptr ? 2 : 1) * one; /* bars take no more */
 }
 
 size_t nano_make(const vol_vdb_bricks &v, const std::string &notes, void *out)
@@ -426,17 +438,18 @@ size_t nano_make(const vol_vdb_bricks &v, const std::string &notes, void *out)
     Book book{v, Topology(v), static_cast<char *>(out), {}, {}};
     book.add_all(notes);
     book.fill();
-    return static_cast<size_t>(book.at - static_cast<char *>(out));
-}
-
-size_t nano_make_bars(const vol_vdb_bricks &v, void *out)
-{
-    vol_vdb_bricks of = v;
-    of.brick = v.sd;
-    Book book{of, Topology(of), static_cast<char *>(out), {}, {}};
-    book.add_bars();
-    book.fill();
-    return static_cast<size_t>(book.at - static_cast<char *>(out));
+    char *end = book.at;
+    if (v.sd != nullptr) {
+        vol_vdb_bricks of = v;
+        of.brick = v.sd;
+        Book bars{of, Topology(of), end, {}, {}};
+        bars.add_bars();
+        bars.fill();
+        end = bars.at;
+    }
+    const auto n = static_cast<size_t>(end - static_cast<char *>(out));
+    count_grids(static_cast<char *>(out), n);
+    return n;
 }
 
 } // namespace vol

@@ -39,14 +39,11 @@ inline float luminance(float red, float green, float blue)
     return 0.2126f * red + 0.7152f * green + 0.0722f * blue;
 }
 
-/* Bytes that nano_make writes at most, for any v.n_bricks bricks of the grid. */
+/* Bytes that nano_make writes at most, for any v.n_bricks bricks of the grid; with error bars if v has some. */
 size_t nano_room(const vol_vdb_bricks &v, size_t notes);
 /* Writes all grids of v to `out`, which is aligned to 32 bytes and has nano_room's size.  Returns the bytes written.
  * v.n: at most 4096. */
 size_t nano_make(const vol_vdb_bricks &v, const std::string &notes, void *out);
-
-/* The same of its error bars: emission_sd, or red_sd, green_sd, blue_sd.  Room: nano_room without notes. */
-size_t nano_make_bars(const vol_vdb_bricks &v, void *out);
 
 } // namespace vol
 #endif

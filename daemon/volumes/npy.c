@@ -1,5 +1,5 @@
 /* npy.c - a folder: SET.npy, float32 [nz][ny][nx][channels], and SET.json beside it, each pair whole or not
- * there; SET.sd.npy with its error bars, if it has any; and recording.json with the gaps, rig.yaml and config.yaml as far as they are known. */
+ * there; sd/SET.npy with its error bars, if it has any; and recording.json with the gaps, rig.yaml and config.yaml as far as they are known. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -64,7 +64,7 @@ static void put_report(struct dmn_json *j, const struct pvp_report *r)
     dmn_json_close(j, '}');
 }
 
-/* Names of the doubts about the error bars in SET.sd.npy. */
+/* Names of the doubts about the error bars in sd/SET.npy. */
 static void put_bars(struct dmn_json *j, uint32_t doubt)
 {
     dmn_json_open(j, "bars", '{');
@@ -256,7 +256,9 @@ static pvx_err put_sd(struct out *w, const struct vol_volume *v, const size_t sh
     bars.brick = v->bars.sd;
     if (bars.brick == NULL)
         return PVX_OK;
-    snprintf(path, sizeof path, "%s/%06llu" VOL_SD, w->dir, (unsigned long long)v->v.set);
+    snprintf(path, sizeof path, "%s/" VOL_SD, w->dir);
+    PVX_TRY(pvx_mkdirs(path, d));
+    snprintf(path, sizeof path, "%s/" VOL_SD "/%06llu.npy", w->dir, (unsigned long long)v->v.set);
     memset(w->dense, 0, w->count * sizeof *w->dense);
     vol_to_dense(&bars, w->dense);
     w->bytes += w->count * sizeof *w->dense;

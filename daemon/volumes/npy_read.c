@@ -30,6 +30,7 @@ struct in {
     struct vol_gap *gap;
     uint64_t n_gaps;
     struct vol_store store, bars;
+    bool spare; /* damaged bars are left out */
 };
 
 static bool npy_is(const char *path)
@@ -161,7 +162,7 @@ static bool npy_read_shaped(const cJSON *o, const size_t shape[4])
 }
 
 static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volume *out,
-                         struct pvp_start *start, struct pvx_diag *d)
+                         struct pvp_start *start, bool *barred, struct pvx_diag *d)
 {
     char path[PATH_MAX + 8], *text;
     size_t len;
@@ -197,8 +198,9 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
         out->sample = sample != NULL && strcmp(sample, "float16") == 0 ? PVP_F16 : PVP_F32;
         out->clamped = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "clamped"));
         read_report(o, &v->report);
-        out->bars.doubt = npy_read_count(cJSON_GetObjectItemCaseSensitive(o, "bars"),
-                                         "doubt"); /* of NAME.sd.npy, if it is there */
+        const cJSON *bars = cJSON_GetObjectItemCaseSensitive(o, "bars");
+        *barred = bars != NULL; /* else what lies in sd is of another volume of that name */
+        out->bars.doubt = npy_read_count(bars, "doubt");
         start->grid = *g;
         start->session = v->session;
         start->rig_hash = npy_read_hex(o, "rig_hash");
@@ -227,15 +229,14 @@ static pvx_err npy_read_numbered(const char *path, uint64_t set, struct pvx_diag
                     path, (unsigned long long)set);
 }
 
-/* NAME.sd.npy beside NAME.npy, or NULL: there is none. */
+/* sd/NAME.npy beside NAME.npy, or NULL: there is none. */
 static pvx_err load_sd(const char *npy, const size_t want[4], float **out, struct pvx_diag *d)
 {
     char path[PATH_MAX + 8];
     size_t shape[4];
     int ndim;
     *out = NULL;
-    snprintf(path, sizeof path, "%.*s" VOL_SD, (int)(strlen(npy) - 4), npy);
-    if (access(path, F_OK) != 0)
+    if (!vol_sd_path(npy, path, sizeof path) || access(path, F_OK) != 0)
         return PVX_OK;
     PVX_TRY(cap_npy_load(path, out, shape, &ndim, d));
     bool good = ndim >= 3 && memcmp(shape, want, sizeof shape) == 0;
@@ -253,15 +254,20 @@ static pvx_err load_sd(const char *npy, const size_t want[4], float **out, struc
 
 /* The bricks of the volume and of its bars. */
 static pvx_err npy_read_bricks(struct in *r, const char *path, const size_t shape[4],
-                               const float *dense, struct vol_volume *out, struct pvx_diag *d)
+                               const float *dense, bool barred, struct vol_volume *out,
+                               struct pvx_diag *d)
 {
-    float *sd;
+    float *sd = NULL;
     const struct pvp_grid *g = &out->v.grid;
-    PVX_TRY(load_sd(path, shape, &sd, d));
+    pvx_err es = barred ? load_sd(path, shape, &sd, d) : PVX_OK;
+    const bool less = r->spare && vol_damaged(es);
+    if (es != PVX_OK && !less)
+        return es;
     pvx_err e = sd != NULL ? vol_from_dense_bars(&r->store, &r->bars, g, dense, sd)
                            : vol_from_dense(&r->store, g, dense);
     out->bars = (struct vol_bars){.sd = sd != NULL ? r->bars.brick : NULL,
-                                  .doubt = sd != NULL ? out->bars.doubt : 0};
+                                  .doubt = sd != NULL ? out->bars.doubt : 0,
+                                  .damaged = less};
     free(sd);
     return e == PVX_ECORRUPT ? pvx_fail(d, e, "%s: holds a value that is not finite", path) : e;
 }
@@ -273,6 +279,7 @@ static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
     size_t shape[4];
     int ndim;
     float *dense;
+    bool barred = false;
     snprintf(path, sizeof path, "%s%s%s", r->dir != NULL ? r->dir : "", r->dir != NULL ? "/" : "",
              r->files.name[k]);
     PVX_TRY(cap_npy_load(path, &dense, shape, &ndim, d));
@@ -283,9 +290,9 @@ static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
             e = PVX_EFORMAT;
     if (e != PVX_OK || (shape[3] != 1 && shape[3] != 3))
         e = pvx_fail(d, PVX_EFORMAT, "%s: a volume is [nz][ny][nx] or [nz][ny][nx][1 or 3]", path);
-    PVX_THEN(e, read_json(path, shape, out, start, d));
+    PVX_THEN(e, read_json(path, shape, out, start, &barred, d));
     PVX_THEN(e, npy_read_numbered(path, out->v.set, d));
-    PVX_THEN(e, npy_read_bricks(r, path, shape, dense, out, d));
+    PVX_THEN(e, npy_read_bricks(r, path, shape, dense, barred, out, d));
     free(dense);
     out->n_bricks = r->store.n;
     out->ids = r->store.ids;
@@ -380,11 +387,14 @@ static pvx_err npy_read_first(struct in *r, struct pvx_diag *d)
     struct vol_volume v;
     struct pvx_diag first = {""};
     pvx_err e = PVX_OK, why = PVX_ENOENT;
+    r->spare = true;
     for (size_t k = 0; k < r->files.n; k++) {
         struct pvx_diag one = {""};
         e = npy_read_load(r, k, &v, &r->start, &one);
-        if (!vol_damaged(e))
+        if (!vol_damaged(e)) {
+            r->spare = false;
             return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
+        }
         if (k == 0) {
             first = one;
             why = e;
@@ -434,8 +444,16 @@ static const struct vol_gap *npy_read_npy_gap(const void *self, uint64_t k)
     return k < r->n_gaps ? &r->gap[k] : NULL;
 }
 
+static void npy_spare(void *self, uint64_t *count, bool *cut)
+{
+    (void)count; /* all files count */
+    (void)cut;
+    ((struct in *)self)->spare = true;
+}
+
 const struct vol_reader_ops vol_npy_reader = {.is = npy_is,
                                               .open = npy_read_npy_open,
                                               .get = npy_get,
                                               .gap = npy_read_npy_gap,
+                                              .spare = npy_spare,
                                               .close = npy_read_npy_close};

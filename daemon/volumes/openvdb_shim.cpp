@@ -113,10 +113,13 @@ std::vector<GridBase::Ptr> make_bars(const vol_vdb_bricks &v)
     };
     if (v.channels == 1)
         scalar("emission_sd", [=](const float *p) { return cut(p[0]); });
-    else if (!v.split)
+    else if (!v.split) {
         scalar("emission_sd",
                [=](const float *p) { return cut(vol::luminance(p[0], p[1], p[2])); });
-    else {
+        all.push_back(make_grid<Vec3SGrid>(
+            of, "rgb_sd", [=](const float *p) { return Vec3f(cut(p[0]), cut(p[1]), cut(p[2])); }));
+        all.back()->setVectorType(openvdb::VEC_INVARIANT);
+    } else {
         scalar("red_sd", [=](const float *p) { return cut(p[0]); });
         scalar("green_sd", [=](const float *p) { return cut(p[1]); });
         scalar("blue_sd", [=](const float *p) { return cut(p[2]); });
@@ -290,10 +293,6 @@ int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t er
         };
         auto made = nanovdb::HostBuffer::create(vol::nano_room(*v, notes.size()));
         take(made, vol::nano_make(*v, notes, made.data()));
-        if (v->sd != nullptr) {
-            auto bars = nanovdb::HostBuffer::create(vol::nano_room(*v, 0));
-            take(bars, vol::nano_make_bars(*v, bars.data()));
-        }
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);
@@ -393,6 +392,10 @@ bool placed(const GridBase &grid, const vol_vdb_bricks &v)
 struct Open {
     openvdb::GridPtrVecPtr grids;
 
+    bool has(const char *name) const
+    {
+        return openvdb::findGridByName(*grids, name) != nullptr;
+    }
     template <typename T>
     int take(const vol_vdb_bricks &v, const char *name, unsigned c, Bricks *out, char *err,
              size_t err_size) const
@@ -428,6 +431,12 @@ struct Open {
 struct Flat {
     std::vector<Nano> grids;
 
+    bool has(const char *name) const
+    {
+        return std::any_of(grids.begin(), grids.end(), [name](const Nano &g) {
+            return strcmp(g.gridMetaData()->shortGridName(), name) == 0;
+        });
+    }
     template <typename T>
     int take(const vol_vdb_bricks &v, const char *name, unsigned c, Bricks *out, char *err,
              size_t err_size) const
@@ -455,39 +464,83 @@ struct Flat {
     using Vector = nanovdb::Vec3f;
 };
 
+/* Grids of the emission, or of its error bars: of one channel, of vectors, of three channels. */
+struct Names {
+    const char *one, *vectors, *three[3];
+};
+constexpr Names EMISSION = {"density", "emission", {"red", "green", "blue"}};
+constexpr Names BARS = {"emission_sd", "rgb_sd", {"red_sd", "green_sd", "blue_sd"}};
+
 template <typename Grids>
-int take_all(const Grids &g, const vol_vdb_bricks &v, Bricks *all, char *err, size_t err_size)
+int take_all(const Grids &g, const vol_vdb_bricks &v, const Names &names, Bricks *all, char *err,
+             size_t err_size)
 {
     if (v.channels == 1)
-        return g.template take<float>(v, "density", 0, all, err, err_size);
+        return g.template take<float>(v, names.one, 0, all, err, err_size);
     if (!v.split)
-        return g.template take<typename Grids::Vector>(v, "emission", 0, all, err, err_size);
-    const char *const names[] = {"red", "green", "blue"};
+        return g.template take<typename Grids::Vector>(v, names.vectors, 0, all, err, err_size);
     int e = PVX_OK;
     for (unsigned c = 0; c < 3 && e == PVX_OK; c++)
-        e = g.template take<float>(v, names[c], c, all, err, err_size);
+        e = g.template take<float>(v, names.three[c], c, all, err, err_size);
     return e;
 }
 
-int give(const Bricks &bricks, vol_vdb_bricks *v)
+/* One plane of the bricks in `order`, those that it lacks as 0. */
+int give_plane(const Bricks &from, const std::vector<uint32_t> &order, unsigned channels,
+               const float **out)
 {
-    const size_t one = static_cast<size_t>(CELLS) * v->channels, n = bricks.size();
-    auto *ids = static_cast<uint32_t *>(malloc((n + 1) * sizeof(uint32_t)));
-    auto *brick = static_cast<float *>(malloc((n * one + 1) * sizeof(float)));
-    if (ids == nullptr || brick == nullptr) {
-        free(ids);
-        free(brick);
-        return PVX_ENOMEM;
+    const size_t one = static_cast<size_t>(CELLS) * channels;
+    auto *brick = static_cast<float *>(calloc(order.size() * one + 1, sizeof(float)));
+    *out = brick;
+    for (size_t k = 0; k < order.size() && brick != nullptr; k++) {
+        const auto found = from.find(order[k]);
+        if (found != from.end())
+            memcpy(brick + k * one, found->second.data(), one * sizeof(float));
     }
-    v->ids = ids;
-    v->brick = brick;
-    v->n_bricks = static_cast<uint32_t>(n);
-    for (const auto &b : bricks) {
-        *ids++ = b.first;
-        memcpy(brick, b.second.data(), one * sizeof(float));
-        brick += one;
+    return brick != nullptr ? PVX_OK : PVX_ENOMEM;
+}
+
+/* What was read of a file: its planes, of which only the first must be there. */
+struct Planes {
+    Bricks emission, sd, kelvin;
+    bool barred, hot;
+
+    int give(vol_vdb_bricks *v) const
+    {
+        std::vector<uint32_t> order;
+        for (const Bricks *plane : {&emission, &sd, &kelvin})
+            for (const auto &b : *plane)
+                order.push_back(b.first);
+        std::sort(order.begin(), order.end());
+        order.erase(std::unique(order.begin(), order.end()), order.end());
+        auto *ids = static_cast<uint32_t *>(malloc((order.size() + 1) * sizeof(uint32_t)));
+        int e = ids != nullptr ? give_plane(emission, order, v->channels, &v->brick) : PVX_ENOMEM;
+        if (e == PVX_OK && barred)
+            e = give_plane(sd, order, v->channels, &v->sd);
+        if (e == PVX_OK && hot)
+            e = give_plane(kelvin, order, 1, &v->kelvin);
+        if (e == PVX_OK)
+            std::copy(order.begin(), order.end(), ids);
+        v->ids = ids;
+        v->n_bricks = static_cast<uint32_t>(order.size());
+        return e;
     }
-    return PVX_OK;
+};
+
+/* Error bars and temperatures are read where they are there. */
+template <typename Grids>
+int take_planes(const Grids &g, vol_vdb_bricks *v, char *err, size_t err_size)
+{
+    const char *bars = v->channels == 1 ? BARS.one : v->split ? BARS.three[0] : BARS.vectors;
+    Planes all = {{}, {}, {}, g.has(bars), g.has("temperature")};
+    vol_vdb_bricks one = *v;
+    one.channels = 1;
+    int e = take_all(g, *v, EMISSION, &all.emission, err, err_size);
+    if (e == PVX_OK && all.barred)
+        e = take_all(g, *v, BARS, &all.sd, err, err_size);
+    if (e == PVX_OK && all.hot)
+        e = g.template take<float>(one, "temperature", 0, &all.kelvin, err, err_size);
+    return e == PVX_OK ? all.give(v) : e;
 }
 
 int read_vdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
@@ -500,9 +553,7 @@ int read_vdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t 
         const Open open{stream.getGrids()};
         if (!open.grids)
             return fail(PVX_EFORMAT, err, err_size, "has no grids");
-        Bricks all;
-        const int e = take_all(open, *v, &all, err, err_size);
-        return e == PVX_OK ? give(all, v) : e;
+        return take_planes(open, v, err, err_size);
     });
 }
 
@@ -513,9 +564,7 @@ int read_nvdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t
         std::istream is(&bytes);
         Flat flat;
         flat.grids = nanovdb::io::readGrids<nanovdb::HostBuffer, std::vector>(is);
-        Bricks all;
-        const int e = take_all(flat, *v, &all, err, err_size);
-        return e == PVX_OK ? give(all, v) : e;
+        return take_planes(flat, v, err, err_size);
     });
 }
 

@@ -10,8 +10,9 @@
  * and leaves bricks on leaves.  World = origin + spacing * index, so a voxel's centre is on whole numbers.
  * Grids: `density`, luminance (Rec. 709), and with three channels `emission` of vectors, or with `split`
  * red, green, blue.  A voxel is active if some channel is not 0.  With error bars also `emission_sd`, the deviation of
- * `density`, or with `split` red_sd, green_sd, blue_sd, active where they are not 0; they are not read back.
- * A .vdb of temperatures also has `temperature` in kelvin, as floats, active where it is not 0; it is not read back.
+ * `density`, and with three channels `rgb_sd`, vectors of the deviations of channels, or with `split` instead of both
+ * red_sd, green_sd, blue_sd.  They are active where they are not 0.
+ * A .vdb of temperatures also has `temperature` in kelvin, as floats, active where it is not 0.
  * .vdb is saved as half (values cut to +-65504), .nvdb as float.
  * The notes are a .vdb's metadata; NanoVDB has none, so there they are blind data of the first grid, called
  * VOL_NVDB_NOTES, in the same bytes as in a .vdb. */
@@ -27,7 +28,7 @@ extern "C" {
 #define VOL_VDB_NOEXCEPT
 #endif
 
-#define VOL_VDB_VERSION   6
+#define VOL_VDB_VERSION   7
 #define VOL_NVDB_NOTES    "pyrovox"
 #define VOL_VDB_NOTES_MAX 64
 
@@ -47,9 +48,8 @@ struct vol_vdb_bricks {
     uint32_t n_bricks;
     const uint32_t *ids; /* [n_bricks] ascending */
     const float *brick;  /* [n_bricks][8^3][channels] */
-    const float *
-        sd; /* the same of the error bars, only for the two functions that write files; NULL: none */
-    const float *kelvin; /* [n_bricks][8^3], only for write_vdb; NULL: none */
+    const float *sd;     /* the same of the error bars; NULL: none */
+    const float *kelvin; /* [n_bricks][8^3], only of .vdb; NULL: none */
     const struct vol_vdb_note *notes;
     size_t n_notes;
 };
@@ -66,7 +66,7 @@ struct vol_vdb {
                       size_t err_size) VOL_VDB_NOEXCEPT;
     /* Read the bricks of a file.  OpenVDB and NanoVDB trust what they read and may crash on damaged bytes.  So call
      * this in a process of its own and check its answer (vdb_child.c).  n, channels, split, y_up, origin and spacing
-     * are input; ids and brick are output, from malloc.  PVX_EFORMAT: not such a file, or of other grids;
+     * are input; ids, brick, sd and kelvin are output, from malloc.  PVX_EFORMAT: not such a file, or of other grids;
      * PVX_ECORRUPT: a value that is not finite, a leaf outside the grid; PVX_EUNSUP: a .vdb that another program
      * changed. */
     int (*read_vdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,

@@ -89,6 +89,12 @@ void vol_reader_modes(vol_reader *r, bool on)
         r->ops->modes(r->self, on);
 }
 
+void vol_reader_spare(vol_reader *r)
+{
+    if (r->ops->spare != NULL)
+        r->ops->spare(r->self, &r->count, &r->cut);
+}
+
 const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k)
 {
     return r->ops->gap != NULL ? r->ops->gap(r->self, k) : NULL;

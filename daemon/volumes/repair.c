@@ -37,13 +37,17 @@ static void repair_path_of(const struct folder *f, size_t i, char path[PATH_MAX]
     snprintf(path, PATH_MAX, "%s/%s", f->dir, f->files.name[i]);
 }
 
-/* Whether the whole file can be read, as a recording of one volume, and has the grid of the others. */
-static pvx_err repair_look(const char *path, const struct pvp_grid *grid, struct pvx_diag *d)
+/* Whether the whole file can be read, as a recording of one volume, and has the grid of the others.  *bare: but for its
+ * error bars. */
+static pvx_err repair_look(const char *path, const struct pvp_grid *grid, bool *bare,
+                           struct pvx_diag *d)
 {
     vol_reader *r;
     struct vol_volume v;
     PVX_TRY(vol_reader_open(path, &r, d));
+    vol_reader_spare(r);
     pvx_err e = vol_reader_get(r, 0, &v, d);
+    *bare = e == PVX_OK && v.bars.damaged;
     if (e == PVX_OK && !pvp_grid_same(&v.v.grid, grid))
         e = pvx_fail(d, PVX_ERANGE,
                      "%s: its grid is not that of the volumes before it: of another recording; "
@@ -67,19 +71,23 @@ static pvx_err repair_put_aside(const char *path, struct pvx_diag *d)
 }
 
 static pvx_err repair_look_at_all(const struct folder *f, const struct pvp_grid *grid,
-                                  uint64_t *good, uint64_t *bad, struct pvx_diag *d)
+                                  struct vol_repaired *out, struct pvx_diag *d)
 {
-    char path[PATH_MAX];
+    char path[PATH_MAX], sd[PATH_MAX];
     for (size_t i = 0; i < f->files.n; i++) {
         struct pvx_diag one = {""};
         repair_path_of(f, i, path);
-        pvx_err e = repair_look(path, grid, &one);
+        bool bare = false;
+        pvx_err e = repair_look(path, grid, &bare, &one);
         bool damaged = vol_damaged(e);
         if (e != PVX_OK && !damaged)
             return pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
         if (damaged)
             PVX_TRY(repair_put_aside(path, d));
-        *(damaged ? bad : good) += 1;
+        if (bare && vol_sd_path(path, sd, sizeof sd))
+            PVX_TRY(repair_put_aside(sd, d));
+        out->bare += bare;
+        *(damaged ? &out->bad : &out->good) += 1;
     }
     return PVX_OK;
 }
@@ -135,30 +143,28 @@ static pvx_err list_numbered(const struct folder *f, const struct vol_head *head
 }
 
 /* r: of the folder as it was. */
-static pvx_err repair(struct folder *f, const vol_reader *r, uint64_t *good, uint64_t *bad,
-                      bool *done, struct pvx_diag *d)
+static pvx_err repair(struct folder *f, const vol_reader *r, struct vol_repaired *out,
+                      struct pvx_diag *d)
 {
     PVX_TRY(repair_list(f, d));
-    PVX_TRY(repair_look_at_all(f, &vol_reader_head(r)->start.grid, good, bad, d));
-    *done = *bad > 0 || vol_reader_cut(r);
-    if (!*done)
+    PVX_TRY(repair_look_at_all(f, &vol_reader_head(r)->start.grid, out, d));
+    out->done = out->bad > 0 || out->bare > 0 || vol_reader_cut(r);
+    if (!out->done)
         return PVX_OK;
     PVX_TRY(repair_list(f, d)); /* without those that were put aside */
     return f->format == VOL_NPY ? close_npy(f->dir, r, d) : list_numbered(f, vol_reader_head(r), d);
 }
 
-pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *done,
-                          struct pvx_diag *d)
+pvx_err vol_repair_folder(const char *dir, struct vol_repaired *out, struct pvx_diag *d)
 {
     vol_reader *r;
-    *good = *bad = 0;
-    *done = false;
+    *out = (struct vol_repaired){0};
     PVX_TRY(vol_reader_open(dir, &r, d));
     struct folder f = {.dir = dir, .format = vol_reader_format(r)};
     struct stat st;
     pvx_err e =
         stat(dir, &st) == 0 && S_ISDIR(st.st_mode)
-            ? repair(&f, r, good, bad, done, d)
+            ? repair(&f, r, out, d)
             : pvx_fail(d, PVX_EINVAL, "%s: is one file of a recording; name its folder", dir);
     vol_folder_free(&f.files);
     vol_reader_close(&r);

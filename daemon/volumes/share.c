@@ -46,6 +46,12 @@ static pvx_err share_make_room(struct vol_share *s, const struct vol_vdb_bricks 
     return vol_segment_room(s->segment, slot, s->module->nano_version, d);
 }
 
+static uint32_t share_grids(const struct vol_vdb_bricks *b)
+{
+    const uint32_t volume = b->channels == 1 ? 1 : b->split ? 4 : 2;
+    return b->sd == NULL ? volume : 2 * volume - (volume == 4);
+}
+
 pvx_err vol_share_put(vol_share *s, const struct pvp_start *start, const struct vol_volume *v,
                       struct pvx_diag *d)
 {
@@ -68,9 +74,7 @@ pvx_err vol_share_put(vol_share *s, const struct pvp_start *start, const struct 
                                        .t_exposure_ns = v->v.t_exposure_ns,
                                        .t_publish_ns = v->v.t_publish_ns,
                                        .size = size,
-                                       .n_grids = b.channels == 1 ? 1
-                                                  : b.split       ? 4
-                                                                  : 2,
+                                       .n_grids = share_grids(&b),
                                        .flags = v->clamped ? PVP_FLAG_CLAMPED : 0,
                                    });
     return PVX_OK;

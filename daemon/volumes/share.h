@@ -1,7 +1,8 @@
 /* share.h - volumes in shared memory as NanoVDB, for programs of this host (pyrovox_share.h reads them).
  *
  * Grids and notes are those of a .nvdb (openvdb_shim.h), z up, in metres.  A slot has room for any volume of the
- * grid, even with every brick lit.  A volume of a larger grid begins a new segment under the same name.
+ * grid, even with every brick lit.  A volume of a larger grid, and the first one with error bars, begins a new segment
+ * under the same name.
  * Threads: one. */
 #ifndef VOL_SHARE_H
 #define VOL_SHARE_H

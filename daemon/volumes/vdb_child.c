@@ -15,12 +15,14 @@
 #include "proto/pvp.h"
 
 #define CELLS  512
+#define KELVIN (CELLS * sizeof(float)) /* of a brick */
 #define CPU_S  300
 #define MEMORY ((size_t)1 << 30) /* beside what the grid may need */
-#define COPIES 6                 /* of a volume that OpenVDB and the module hold at once */
+#define COPIES \
+    14 /* of a volume that OpenVDB and the module hold at once: 6, and of its bars, and kelvin */
 
 struct answer {
-    int error;
+    int error, bars, kelvin;
     uint32_t n_bricks;
     char text[256];
 };
@@ -92,9 +94,13 @@ static void vdb_child_serve(vol_vdb_read_fn *decode, int fd, const void *bytes, 
     bound(v);
     a.error = decode(bytes, len, v, a.text, sizeof a.text);
     a.n_bricks = a.error == PVX_OK ? v->n_bricks : 0;
+    a.bars = a.error == PVX_OK && v->sd != NULL;
+    a.kelvin = a.error == PVX_OK && v->kelvin != NULL;
     bool sent = send_all(fd, &a, sizeof a) &&
                 (a.error != PVX_OK || (send_all(fd, v->ids, a.n_bricks * sizeof *v->ids) &&
-                                       send_all(fd, v->brick, a.n_bricks * brick_bytes(v))));
+                                       send_all(fd, v->brick, a.n_bricks * brick_bytes(v)))) &&
+                (!a.bars || send_all(fd, v->sd, a.n_bricks * brick_bytes(v))) &&
+                (!a.kelvin || send_all(fd, v->kelvin, a.n_bricks * KELVIN));
     _exit(sent ? 0 : 1);
 }
 
@@ -104,9 +110,33 @@ static bool believable(const struct vol_vdb_bricks *v)
         if (v->ids[b] >= most_bricks(v) || (b > 0 && v->ids[b] <= v->ids[b - 1]))
             return false;
     for (size_t i = 0; i < (size_t)v->n_bricks * CELLS * v->channels; i++)
-        if (!isfinite(v->brick[i]))
+        if (!isfinite(v->brick[i]) || (v->sd != NULL && !(isfinite(v->sd[i]) && v->sd[i] >= 0)))
+            return false;
+    for (size_t i = 0; i < (size_t)v->n_bricks * CELLS && v->kelvin != NULL; i++)
+        if (!(isfinite(v->kelvin[i]) && v->kelvin[i] >= 0))
             return false;
     return true;
+}
+
+/* A plane of n bricks; NULL: no memory, or the child has ended. */
+static float *receive_plane(int fd, uint32_t n, size_t bytes)
+{
+    float *brick = calloc(n + (size_t)1, bytes);
+    if (brick != NULL && receive_all(fd, brick, n * bytes))
+        return brick;
+    free(brick);
+    return NULL;
+}
+
+void vol_vdb_child_free(struct vol_vdb_bricks *v)
+{
+    free((uint32_t *)v->ids);
+    free((float *)v->brick);
+    free((float *)v->sd);
+    free((float *)v->kelvin);
+    v->ids = NULL;
+    v->brick = v->sd = v->kelvin = NULL;
+    v->n_bricks = 0;
 }
 
 static pvx_err vdb_child_receive(int fd, const char *path, struct vol_vdb_bricks *v,
@@ -119,23 +149,17 @@ static pvx_err vdb_child_receive(int fd, const char *path, struct vol_vdb_bricks
     if (a.error != PVX_OK)
         return vol_vdb_error(a.error == PVX_EFORMAT ? PVX_ECORRUPT : a.error, path, a.text, d);
     uint32_t *ids = calloc(a.n_bricks + (size_t)1, sizeof *ids);
-    float *brick = calloc(a.n_bricks + (size_t)1, brick_bytes(v));
+    PVX_NEED(ids);
     v->ids = ids;
-    v->brick = brick;
     v->n_bricks = a.n_bricks;
-    pvx_err e = ids == NULL || brick == NULL ? PVX_ENOMEM
-                : receive_all(fd, ids, a.n_bricks * sizeof *ids) &&
-                        receive_all(fd, brick, a.n_bricks * brick_bytes(v)) && believable(v)
-                    ? PVX_OK
-                    : PVX_ECORRUPT;
-    if (e != PVX_OK) {
-        free(ids);
-        free(brick);
-        v->ids = NULL;
-        v->brick = NULL;
-        v->n_bricks = 0;
-    }
-    return e;
+    bool good = receive_all(fd, ids, a.n_bricks * sizeof *ids) &&
+                (v->brick = receive_plane(fd, a.n_bricks, brick_bytes(v))) != NULL &&
+                (!a.bars || (v->sd = receive_plane(fd, a.n_bricks, brick_bytes(v))) != NULL) &&
+                (!a.kelvin || (v->kelvin = receive_plane(fd, a.n_bricks, KELVIN)) != NULL) &&
+                believable(v);
+    if (!good)
+        vol_vdb_child_free(v);
+    return good ? PVX_OK : PVX_ECORRUPT;
 }
 
 pvx_err vol_vdb_child_read(vol_vdb_read_fn *decode, const char *path, const void *bytes, size_t len,

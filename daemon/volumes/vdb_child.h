@@ -7,8 +7,10 @@
 
 typedef int vol_vdb_read_fn(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
                             size_t err_size);
-/* As the module's `read`: ids ascending and within the grid, values finite.  PVX_ECORRUPT: it cannot be read. */
+/* As the module's `read`: ids ascending and within the grid, values finite, bars and kelvin not below 0.  Owner: caller,
+ * vol_vdb_child_free.  PVX_ECORRUPT: it cannot be read. */
 PVX_MUST_CHECK pvx_err vol_vdb_child_read(vol_vdb_read_fn *decode, const char *path,
                                           const void *bytes, size_t len, struct vol_vdb_bricks *v,
                                           struct pvx_diag *d);
+void vol_vdb_child_free(struct vol_vdb_bricks *v);
 #endif

@@ -23,6 +23,8 @@ void vol_vdb_lay(struct vol_vdb_about *about, const struct vol_volume *v, struct
     about->v = v->v;
     about->sample = v->sample;
     about->clamped = v->clamped;
+    about->bars = v->bars.sd != NULL;
+    about->doubt = v->bars.doubt;
     *out = (struct vol_vdb_bricks){.n_bricks = v->n_bricks,
                                    .ids = v->ids,
                                    .brick = v->brick,
@@ -30,10 +32,5 @@ void vol_vdb_lay(struct vol_vdb_about *about, const struct vol_volume *v, struct
                                    .kelvin = v->kelvin,
                                    .notes = note,
                                    .n_notes = vol_vdb_notes_make(about, note)};
-    if (v->bars.sd != NULL) { /* one note more: readers take those that they know */
-        note[out->n_notes] =
-            (struct vol_vdb_note){.key = "bars_doubt", .kind = VOL_VDB_INT, .i = v->bars.doubt};
-        out->n_notes++;
-    }
     vol_vdb_place(about, out);
 }

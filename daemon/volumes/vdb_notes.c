@@ -11,6 +11,7 @@
 
 #define FORMAT  "pyrovox volume"
 #define VERSION 1
+#define DOUBT   "bars_doubt"
 
 enum kind { U32, U64, I64, F64, HEX, TEXT, VECTOR };
 static const struct field {
@@ -110,6 +111,8 @@ size_t vol_vdb_notes_make(const struct vol_vdb_about *a, struct vol_vdb_note *no
     n++;
     for (size_t i = 0; i < N_FIELDS; i++)
         put_field(&fields[i], (const char *)a + fields[i].at, &note[n++]);
+    if (a->bars) /* readers take the notes that they know */
+        note[n++] = (struct vol_vdb_note){.key = DOUBT, .kind = VOL_VDB_INT, .i = a->doubt};
     return n;
 }
 
@@ -181,6 +184,9 @@ pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n, const char
         return pvx_fail(d, PVX_EFORMAT, "%s: its metadata says a grid that cannot be", name);
     if (out->y_up > 1 || out->split > 1 || !(out->unit_m > 0) || isinf(out->unit_m))
         return pvx_fail(d, PVX_EFORMAT, "%s: its metadata says a layout that cannot be", name);
+    const struct vol_vdb_note *doubt = vdb_notes_find(note, n, DOUBT);
+    out->bars = doubt != NULL && doubt->kind == VOL_VDB_INT;
+    out->doubt = out->bars ? (uint32_t)doubt->i : 0;
     out->start.grid = out->v.grid;
     out->start.session = out->v.session;
     return PVX_OK;

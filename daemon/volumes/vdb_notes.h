@@ -15,6 +15,8 @@ struct vol_vdb_about {
     uint32_t sample, clamped;
     uint32_t y_up, split; /* how the file is laid out */
     double unit_m;
+    bool bars; /* it was written with error bars */
+    uint32_t doubt;
 };
 
 /* Fills note [VOL_VDB_NOTES_MAX].  Returns their number. */

@@ -30,8 +30,7 @@ struct vdb_in {
     size_t n_gaps;
     char *rig, *config;
     struct vol_head head;
-    uint32_t *ids;
-    float *brick; /* of the volume given last */
+    struct vol_vdb_bricks last; /* of the volume given last */
 };
 
 static bool is_vdb(const char *path)
@@ -142,8 +141,7 @@ static void close_in(void *self)
     free(r->gap);
     free(r->rig);
     free(r->config);
-    free(r->ids);
-    free(r->brick);
+    vol_vdb_child_free(&r->last);
     free(r);
 }
 
@@ -200,28 +198,25 @@ static pvx_err vdb_read_get(void *self, uint64_t k, struct vol_volume *out, stru
     if (k >= r->n)
         return pvx_fail(d, PVX_EINVAL, "no volume %llu", (unsigned long long)k);
     const char *path = r->file[k].path;
-    free(r->ids);
-    free(r->brick);
-    r->ids = NULL;
-    r->brick = NULL;
+    vol_vdb_child_free(&r->last);
     PVX_TRY(vol_vdb_about_load(path, r->nano, &a, d));
     if (!pvp_grid_same(&a.v.grid, &r->head.start.grid))
         return pvx_fail(d, PVX_ECORRUPT, "%s: has changed while it was read", path);
     PVX_TRY(pvx_file_read(path, FILE_MAX, &bytes, &len, d));
-    struct vol_vdb_bricks b = {.n_bricks = 0};
-    vol_vdb_place(&a, &b);
-    pvx_err e = vol_vdb_child_read(r->decode, path, bytes, len, &b, d);
+    struct vol_vdb_bricks *b = &r->last;
+    vol_vdb_place(&a, b);
+    pvx_err e = vol_vdb_child_read(r->decode, path, bytes, len, b, d);
     free(bytes);
     PVX_TRY(e);
-    r->ids = (uint32_t *)b.ids;
-    r->brick = (float *)b.brick;
     *out = (struct vol_volume){.v = a.v,
                                /* a .vdb holds halves */
                                .sample = r->nano && a.sample == PVP_F32 ? PVP_F32 : PVP_F16,
                                .clamped = a.clamped != 0,
-                               .n_bricks = b.n_bricks,
-                               .ids = r->ids,
-                               .brick = r->brick};
+                               .n_bricks = b->n_bricks,
+                               .ids = b->ids,
+                               .brick = b->brick,
+                               .bars = {.sd = b->sd, .doubt = b->sd != NULL ? a.doubt : 0},
+                               .kelvin = b->kelvin};
     return PVX_OK;
 }
 
@@ -231,7 +226,10 @@ static const struct vol_gap *gap_at(const void *self, uint64_t k)
     return k < r->n_gaps ? &r->gap[k] : NULL;
 }
 
-const struct vol_reader_ops vol_vdb_reader = {is_vdb, vdb_read_open_vdb, vdb_read_get, gap_at,
-                                              NULL,   close_in};
-const struct vol_reader_ops vol_nvdb_reader = {
-    is_nvdb, vdb_read_open_nvdb, vdb_read_get, gap_at, NULL, close_in};
+const struct vol_reader_ops vol_vdb_reader = {
+    .is = is_vdb, .open = vdb_read_open_vdb, .get = vdb_read_get, .gap = gap_at, .close = close_in};
+const struct vol_reader_ops vol_nvdb_reader = {.is = is_nvdb,
+                                               .open = vdb_read_open_nvdb,
+                                               .get = vdb_read_get,
+                                               .gap = gap_at,
+                                               .close = close_in};

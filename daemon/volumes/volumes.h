@@ -28,6 +28,7 @@ struct vol_bars {
     uint32_t n_modes;   /* 0: not known, so that sums over voxels have no bar */
     const float *modes; /* [n_modes][n_bricks][8^3][channels] */
     uint32_t doubt;     /* bits of enum pvp_doubt: why the bars may be too small */
+    bool damaged;       /* there was more, which is damaged (vol_reader_spare) */
 };
 #define VOL_MODES_MAX 256u
 
@@ -104,6 +105,9 @@ bool vol_reader_cut(const vol_reader *r);
 /* Whether volumes come with the modes of their bars, which take n_modes times the memory of the volume.  At first they do
  * not: then n_modes is 0. */
 void vol_reader_modes(vol_reader *r, bool on);
+/* From now on volumes whose bars alone are damaged come without them, or without their modes, and bars.damaged says so;
+ * the count is taken anew.  At first such a volume is damaged as a whole.  Not of .vdb and .nvdb. */
+void vol_reader_spare(vol_reader *r);
 /* Volume k in the order of the recording; borrowed until the next call.  PVX_ECORRUPT: damaged, or not finite. */
 PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volume *out,
                                       struct pvx_diag *d);
@@ -120,9 +124,13 @@ static inline bool vol_damaged(pvx_err e)
     return e == PVX_ECORRUPT || e == PVX_EFORMAT || e == PVX_ENOENT;
 }
 /* Finishes a folder (npy, vdb, nvdb) that was cut off, in place: damaged files are renamed to FILE.cut-off, and the
- * list of the others is made anew and closed.  *good, *bad: number of such files; *done: there was something to
- * do. */
-PVX_MUST_CHECK pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *done,
+ * list of the others is made anew and closed.  Where only the error bars of a .npy are damaged, only they are renamed. */
+struct vol_repaired {
+    uint64_t good, bad; /* files */
+    uint64_t bare;      /* of the good ones, those that lost their bars now, or some of them */
+    bool done;          /* there was something to do */
+};
+PVX_MUST_CHECK pvx_err vol_repair_folder(const char *dir, struct vol_repaired *out,
                                          struct pvx_diag *d);
 
 /* --- what a format gives to the dispatcher (writer.c, reader.c) --- */
@@ -142,7 +150,8 @@ struct vol_reader_ops {
                     bool *cut, struct pvx_diag *d);
     pvx_err (*get)(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d);
     const struct vol_gap *(*gap)(const void *self, uint64_t k);
-    void (*modes)(void *self, bool on); /* may be NULL: the format has none */
+    void (*modes)(void *self, bool on);                    /* may be NULL: the format has none */
+    void (*spare)(void *self, uint64_t *count, bool *cut); /* may be NULL */
     void (*close)(void *self);
 };
 struct cJSON;

@@ -37,7 +37,7 @@ extern "C" {
 #define PVP_SHARE_MAGIC "PVXSHARE"
 #define PVP_SHARE_MAJOR 1
 #define PVP_SHARE_SLOTS 3
-#define PVP_SHARE_GRIDS 4   /* at most: density, red, green, blue */
+#define PVP_SHARE_GRIDS 7   /* at most: density, red, green, blue, and red_sd, green_sd, blue_sd */
 #define PVP_SHARE_NAME  200 /* bytes of a name, with the 0 */
 
 /* ---- the contents of the segment (host byte order) ------------------------------------------------- */
@@ -290,8 +290,8 @@ static inline int pvp_share_copy(const struct pvp_share *s, struct pvp_share_vol
     return 1;
 }
 
-/* The grid of that name ("density", "emission", with --split "red", "green", "blue") and its bytes; NULL: there is
- * none, or it was overwritten.  Only its size and name are checked. */
+/* The grid of that name ("density", "emission", with --split "red", "green", "blue"; where the volume has error bars
+ * "emission_sd", "rgb_sd", "red_sd" and so on) and its bytes; NULL: there is none, or it was overwritten.  Only its size and name are checked. */
 static inline const void *pvp_share_grid(const struct pvp_share_volume *v, const char *name,
                                          size_t *size)
 {

@@ -153,14 +153,13 @@ static void use(vol_reader *r)
 static void repair(void)
 {
     struct pvx_diag d = {""};
-    uint64_t good, bad;
-    bool done;
-    if (vol_repair_folder(folder, &good, &bad, &done, &d) != PVX_OK) {
+    struct vol_repaired fixed;
+    if (vol_repair_folder(folder, &fixed, &d) != PVX_OK) {
         MUST(d.text[0] != '\0');
         return;
     }
-    MUST(good == 1 && bad == 0);
-    MUST(vol_repair_folder(folder, &good, &bad, &done, &d) == PVX_OK && !done);
+    MUST(fixed.good == 1 && fixed.bad == 0);
+    MUST(vol_repair_folder(folder, &fixed, &d) == PVX_OK && !fixed.done);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

@@ -29,7 +29,7 @@ check nexus_finds_the_errors nexus
 formats() { # what each format holds of them, there and back
     "$pyrovox" convert 3.h5 again.h5 > /dev/null 2>&1 && "$pyrovox" convert 3.h5 npy --format npy > /dev/null 2>&1 &&
         "$pyrovox" convert npy back.h5 > /dev/null 2>&1 || return 1
-    [ "$(ls npy/*.sd.npy | wc -l)" = 4 ] || return 1
+    [ "$(ls npy/sd/*.npy | wc -l)" = 4 ] || return 1
     "$py" - << 'END'
 import h5py, numpy as np
 one, again, back = (h5py.File(n, "r") for n in ("3.h5", "again.h5", "back.h5"))
@@ -77,10 +77,34 @@ for where, n, grids in ("vdb", 3, {"emission_sd": sd[3] @ light}), ("grey", 1, {
     assert not any(g.endswith("_sd") for g in without) and "density" in without, without
 END
     [ $? = 0 ] || return 1
-    "$pyrovox" convert vdb of-vdb.h5 > /dev/null 2>&1 && "$pyrovox" convert nano of-nano.h5 > /dev/null 2>&1 || return 1
+    local what
+    for what in vdb split grey nano; do run "$pyrovox" convert $what of-$what.h5; says 0 "5 volumes in" || return 1; done
+    run "$pyrovox" convert 3.h5 again-nano --format nvdb; says 0 "has no bars of sums" || return 1
+    run "$pyrovox" convert nano nano-npy --format npy; says 0 "5 volumes in" && [ "$(ls nano-npy/sd | wc -l)" = 4 ] || return 1
+    case $out in *"bars of sums"*) return 1 ;; esac
+    run "$pyrovox" value nano --quiet --csv nano.csv; says 0 "±" "of single voxels alone" || return 1
+    "$py" - << 'END' || return 1
+import h5py, numpy as np
+for name, of, exact in ("vdb", 3, False), ("split", 3, False), ("grey", 1, False), ("nano", 3, True):
+    one, back = h5py.File(f"{of}.h5", "r"), h5py.File(f"of-{name}.h5", "r")
+    assert back["sets/bars_doubt"][:].tolist() == [0, 2, 0xffffffff, 0, 0] and "emission_modes" not in back
+    for what in "emission", "emission_sd":
+        a, b = one[what][:], back[what][:]
+        assert np.array_equal(a, b) if exact else np.allclose(a, b, rtol=1e-3, atol=1e-7), (name, what)
+END
     if command -v nanovdb_print > /dev/null; then nanovdb_print "$(ls nano/*.nvdb | head -n 1)" > nano.log 2>&1 && grep -q emission_sd nano.log || { cat nano.log; return 1; }; fi
 }
 check vdb_and_nvdb vdb
+
+shared() { # in shared memory beside the volume
+    [ -d of-nano.h5 ] || [ -e of-nano.h5 ] || return 0 # no OpenVDB here
+    local shm=pyrovox-bars-$$
+    start share.log "$pyrovox" share "$shm" 3.h5 --quiet; local p=$started
+    barred() { grep -q rgb_sd "/dev/shm/$shm" 2> /dev/null && grep -q emission_sd "/dev/shm/$shm"; }
+    wait_for barred || { kill "$p"; cat share.log; return 1; }
+    kill -INT "$p"; ended "$p" 130 && [ ! -e "/dev/shm/$shm" ]
+}
+check shared_with_them shared
 
 travels() { # played, recorded: deviations, doubts, no modes
     "$py" -c 'import zmq' 2> /dev/null || { echo "SKIP $name:travels (apt-get install python3-zmq)"; return 0; }
@@ -224,17 +248,32 @@ import h5py
 with h5py.File("spoilt.h5", "r+") as f:
     f["emission_modes"][3, 1, 5, 10, 12, 0] += 1
 END
-    run "$pyrovox" value spoilt.h5 --quiet; says 1 "spoilt.h5: volume 3 is damaged" || return 1
-    run "$pyrovox" repair spoilt.h5; says 0 "4 volumes, finished; 1 damaged" || return 1
+    cp 1.h5 bare-last.h5 && "$py" - << 'END' || return 1
+import h5py
+with h5py.File("bare-last.h5", "r+") as f:
+    f["emission_sd"][4, 5, 10, 12, 0] += 1
+    f["emission_sd"][1, 5, 10, 12, 0] += 1
+    f["emission"][3, 5, 10, 12, 0] += 1
+END
+    run "$pyrovox" value spoilt.h5 --quiet; says 1 "spoilt.h5: volume 3 is damaged" "pyrovox repair" || return 1
+    run "$pyrovox" repair spoilt.h5; says 0 "5 volumes, finished; 0 damaged ones left out; of 1 only the error bars are damaged" || return 1
+    run "$pyrovox" repair bare-last.h5; says 0 "4 volumes, finished; 1 damaged ones left out; of 2 only the error bars" || return 1
     "$py" - << 'END'
 import h5py, numpy as np
 with h5py.File("1.h5", "r") as f, h5py.File("spoilt.h5", "r") as s, h5py.File("cut.h5", "r") as c:
-    left = [0, 1, 2, 4]
-    assert s["sets/number"][:].tolist() == left
-    for what in "emission", "emission_sd", "emission_modes", "sets/bars_doubt":
-        assert np.array_equal(s[what][:], f[what][:][left]), what
+    assert s["sets/number"][:].tolist() == [0, 1, 2, 3, 4] and s["sets/modes"][:].tolist() == [3, 3, 0, 0, 3]
+    for what in "emission", "emission_sd", "sets/bars_doubt":
+        assert np.array_equal(s[what][:], f[what][:]), what
+    assert np.array_equal(s["emission_modes"][:][[0, 1, 4]], f["emission_modes"][:][[0, 1, 4]])
     n = len(c["sets/number"])
-    assert 1 <= n < 5 and np.array_equal(c["emission_modes"][:], f["emission_modes"][:n])
+    kept = c["sets/modes"][:]
+    assert n >= 1 and c["sets/number"][:].tolist() == list(range(n)) and np.array_equal(c["emission"][:], f["emission"][:n])
+    assert 0 < (kept == 3).sum() < 4, kept  # the cut took bars away
+    for k in range(n):
+        assert np.array_equal(c["emission_modes"][k], f["emission_modes"][k]) if kept[k] else not c["emission_modes"][k].any()
+with h5py.File("1.h5", "r") as f, h5py.File("bare-last.h5", "r") as s:
+    assert s["sets/number"][:].tolist() == [0, 1, 2, 4] and s["sets/bars_doubt"][:].tolist() == [0] + 3 * [0xffffffff]
+    assert np.array_equal(s["emission"][:], f["emission"][:][[0, 1, 2, 4]])
 END
 }
 check damage_and_cuts damaged

@@ -9,7 +9,7 @@ made() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out plain.h5 --quiet; says 0 || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out bars.h5 --error-bars=8 --threads 1 --quiet; says 0 || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out two.h5 --error-bars=8 --threads 3 --quiet; says 0 || return 1
-    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out vol --error-bars=8 --quiet; says 0 && [ -e vol/000003.sd.npy ] || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out vol --error-bars=8 --quiet; says 0 && [ -e vol/sd/000003.npy ] || return 1
     for i in 1 2; do
         run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out parts.h5 --error-bars=8 --array $i/2 --quiet; says 0 || return 1
     done
@@ -39,7 +39,7 @@ for i, r in enumerate(rows):
     right = V * np.sqrt((modes.mean(-1).sum((1, 2, 3))**2).sum() + (t**2).sum())
     assert np.isclose(float(r["light_sd"]), right, rtol=1e-4), (r["light_sd"], right)
     assert 0 < right < 0.2 * float(r["light_m2"])
-    assert np.allclose(np.load(sorted(glob.glob("vol/0*.sd.npy"))[i]), sd, atol=1e-6 * sd.max())
+    assert np.allclose(np.load(sorted(glob.glob("vol/sd/0*.npy"))[i]), sd, atol=1e-6 * sd.max())
 END
 }
 refused() {

@@ -14,6 +14,7 @@
 #include "base/file.h"
 #include "capture/files/imgio.h"
 #include "daemon/volumes/join.h"
+#include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 #include "tests/lib/volumes.h"
 
@@ -185,12 +186,12 @@ T_CASE(bars_beside_npy)
     vol_reader_close(&r);
     dense[7] = -1;
     const size_t shape[4] = {9, 20, 33, 3};
-    T_EQ_I(cap_npy_save(at("npy/000003.sd.npy"), dense, shape, 4, &d), PVX_OK);
+    T_EQ_I(cap_npy_save(at("npy/sd/000003.npy"), dense, shape, 4, &d), PVX_OK);
     r = open_it(at("npy"), 3);
     T_EQ_I(vol_reader_get(r, 2, &v, &d), PVX_ECORRUPT);
-    T_CONTAINS(d.text, "000003.sd.npy: is not a deviation");
+    T_CONTAINS(d.text, "sd/000003.npy: is not a deviation");
     vol_reader_close(&r);
-    T_EQ_I(unlink(at("npy/000003.sd.npy")), 0);
+    T_EQ_I(unlink(at("npy/sd/000003.npy")), 0);
     r = open_it(at("npy"), 3);
     is(r, 2, 3, -1, false);
     vol_reader_close(&r);
@@ -205,6 +206,99 @@ static void copy(const char *from, const char *to, long bytes)
     T_EQ_I(pvx_file_read(from, 1 << 26, &all, &n, NULL), PVX_OK);
     T_EQ_I(pvx_file_write(to, all, bytes >= 0 ? (size_t)bytes : n, NULL), PVX_OK);
     free(all);
+}
+
+/* One set with bars, one without, and one whose bars reach a brick that is dark. */
+static void through_grids(enum vol_format f, uint32_t channels, const struct vol_options *o)
+{
+    float brick[2 * 512 * 3] = {0}, sd[2 * 512 * 3] = {0};
+    const uint32_t ids[] = {1, 4};
+    struct pvx_diag d = {""};
+    vol_writer *w = NULL;
+    scratch_new();
+    start = volumes_start(33, 20, 9, channels);
+    struct vol_volume v = volumes_empty(&start, 9, 1767225600123456789), back;
+    struct vol_head h = {.start = start};
+    brick[512 * channels + 8 * channels] = 3;
+    sd[5] = 0.5f;
+    sd[512 * channels + 8 * channels] = 0.25f;
+    v.n_bricks = 2;
+    v.ids = ids;
+    v.brick = brick;
+    v.bars = (struct vol_bars){.sd = sd, .doubt = DOUBT};
+    if (vol_writer_open(f, at("g"), &h, o, &w, &d) != PVX_OK) {
+        T_EQ_S(d.text, "");
+        return;
+    }
+    put(w, 7, 0);
+    put(w, 8, -1);
+    T_EQ_I(vol_writer_put(w, &v, &d), PVX_OK);
+    finish(w);
+    vol_reader *r = open_it(at("g"), 3);
+    is(r, 0, 7, 0, true);
+    is(r, 1, 8, -1, true);
+    T_EQ_I(vol_reader_get(r, 2, &back, &d), PVX_OK);
+    T_OK(volumes_same(&v, &back) && volumes_same_bars(&v, &back));
+    vol_reader_close(&r);
+    scratch_remove();
+}
+
+T_CASE(bars_in_vdb_and_nvdb)
+{
+    for (int k = 0; k < 16; k++)
+        through_grids(k & 1 ? VOL_NVDB : VOL_VDB, k & 2 ? 3 : 1,
+                      &(struct vol_options){
+                          .split = (k & 4) != 0, .y_up = (k & 8) != 0, .unit_m = k & 8 ? 0.01 : 0});
+}
+
+/* Of damaged bars the volume is kept, where that is asked for. */
+T_CASE(spared_of_damaged_bars)
+{
+    struct vol_volume v;
+    struct pvx_diag d = {""};
+    struct vol_repaired fixed;
+    scratch_new();
+    start = volumes_start(20, 9, 17, 1);
+    vol_writer *w = begin(VOL_NPY, at("npy"));
+    put(w, 1, 2);
+    put(w, 2, 2);
+    finish(w);
+    T_EQ_I(pvx_file_write(at("npy/sd/000001.npy"), "x", 1, NULL), PVX_OK);
+    vol_reader *r = open_it(at("npy"), 2);
+    T_OK(vol_damaged(vol_reader_get(r, 0, &v, &d)));
+    vol_reader_spare(r);
+    T_EQ_I(vol_reader_get(r, 0, &v, &d), PVX_OK);
+    T_OK(v.bars.sd == NULL && v.bars.damaged && v.n_bricks > 0);
+    T_EQ_I(vol_reader_get(r, 1, &v, &d), PVX_OK);
+    T_OK(v.bars.sd != NULL && !v.bars.damaged);
+    vol_reader_close(&r);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, &d), PVX_OK);
+    T_OK(fixed.done && fixed.good == 2 && fixed.bad == 0 && fixed.bare == 1);
+    T_EQ_I(access(at("npy/sd/000001.npy.cut-off"), F_OK), 0);
+    r = open_it(at("npy"), 2);
+    is(r, 0, 1, -1, false);
+    is(r, 1, 2, 2, false);
+    vol_reader_close(&r);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, &d), PVX_OK);
+    T_OK(!fixed.done && fixed.good == 2);
+    /* a volume that was written anew without bars: those in sd are not its own */
+    T_EQ_I(rename(at("npy/000001.npy"), at("npy/was")), 0);
+    copy(at("npy/sd/000002.npy"), at("npy/sd/000001.npy"), -1);
+    T_EQ_I(unlink(at("npy/000002.npy")), 0);
+    T_EQ_I(rename(at("npy/was"), at("npy/000001.npy")), 0);
+    char *text;
+    size_t n;
+    T_EQ_I(pvx_file_read(at("npy/000001.json"), 1 << 20, &text, &n, NULL), PVX_OK);
+    char *bars = strstr(text, "\"bars\"");
+    T_OK(bars != NULL);
+    if (bars != NULL)
+        bars[1] = 'x';
+    T_EQ_I(pvx_file_write(at("npy/000001.json"), text, n, NULL), PVX_OK);
+    free(text);
+    r = open_it(at("npy"), 1);
+    is(r, 0, 1, -1, false);
+    vol_reader_close(&r);
+    scratch_remove();
 }
 
 /* Whatever the byte: the first volumes that count as whole are those that were put. */
@@ -487,6 +581,7 @@ int main(int argc, char **argv)
     if (argc == 6 && strcmp(argv[1], "--write") == 0)
         return write_flame(argv[2], strtoul(argv[3], NULL, 10), (uint32_t)atoi(argv[4]),
                            (uint32_t)atoi(argv[5]));
+    plugins_of_this_build();
     t_run();
     return t_done();
 }

@@ -69,7 +69,8 @@ static struct made *make(uint32_t channels, bool modes)
         in_bricks(m, m->d[k], m->modes + (size_t)k * floats);
     m->v.ids = m->ids;
     m->v.brick = m->brick;
-    m->v.bars = (struct vol_bars){m->sd, modes ? MODES : 0, modes ? m->modes : NULL, 0};
+    m->v.bars = (struct vol_bars){
+        .sd = m->sd, .n_modes = modes ? MODES : 0, .modes = modes ? m->modes : NULL};
     free(sd);
     return m;
 }

@@ -132,6 +132,68 @@ T_CASE(nothing_burns)
     volume_bed_free(&b);
 }
 
+/* Whether the shared grid has for each voxel of the bed f times its channel c; c 3: luminance. */
+static bool share_is(const struct pvp_share_volume *v, const struct volume_bed *b, const char *grid,
+                     int c, float f)
+{
+    struct share_grid g;
+    const struct pvp_grid *k = &b->head.start.grid;
+    bool same = share_grid_open(v, grid, PNANOVDB_GRID_TYPE_FLOAT, &g);
+    for (uint32_t n = 0; n < b->v.n_bricks && same; n++)
+        for (uint32_t i = 0; i < 512 && same; i++) {
+            uint32_t nb[3], id = b->ids[n];
+            pvp_grid_bricks(k, nb);
+            const int at[3] = {(int)(id % nb[0] * 8 + i % 8),
+                               (int)(id / nb[0] % nb[1] * 8 + i / 8 % 8),
+                               (int)(id / nb[0] / nb[1] * 8 + i / 64)};
+            const float *e = b->brick + ((size_t)n * 512 + i) * k->channels;
+            const float want = c < 3 ? e[c] : 0.2126f * e[0] + 0.7152f * e[1] + 0.0722f * e[2];
+            const pnanovdb_coord_t ijk = {at[0], at[1], at[2]};
+            const pnanovdb_address_t a =
+                pnanovdb_readaccessor_get_value_address(g.type, g.buf, &g.acc, PNANOVDB_REF(ijk));
+            same = fabsf(pnanovdb_read_float(g.buf, a) - f * want) <= 1e-5f * f * fabsf(want);
+        }
+    return same;
+}
+
+T_CASE(error_bars_too) /* the first that come make a new segment, with more room */
+{
+    for (int split = 0; split < 2; split++) {
+        struct volume_bed b;
+        struct pvp_share r, later;
+        struct pvp_share_volume v;
+        size_t size;
+        vol_share *s = share_new(split != 0);
+        volume_bed_new(&b, 19, 25, 9, 3, 0);
+        T_EQ_I(put(s, &b, 7), PVX_OK);
+        T_EQ_I(pvp_share_open(&r, name), PVP_SHARE_OK);
+        volume_bed_make(&b, 8, T0 + 8);
+        for (size_t i = 0; i < (size_t)b.v.n_bricks * 512 * 3; i++)
+            b.brick[i] = fabsf(b.brick[i]);
+        b.v.bars.sd = b.brick; /* as large as the values */
+        T_EQ_I(vol_share_put(s, &b.head.start, &b.v, &d), PVX_OK);
+        T_EQ_I(pvp_share_newest(&r, &v), PVP_SHARE_ENDED);
+        T_EQ_I(pvp_share_open(&later, name), PVP_SHARE_OK);
+        T_EQ_I(pvp_share_newest(&later, &v), PVP_SHARE_OK);
+        T_EQ_I(v.n_grids, split ? 7 : 4);
+        T_OK(share_is(&v, &b, "density", 3, 1));
+        if (split) {
+            T_OK(share_is(&v, &b, "red_sd", 0, 1) && share_is(&v, &b, "blue_sd", 2, 1));
+            T_OK(pvp_share_grid(&v, "emission_sd", &size) == NULL);
+        } else {
+            T_OK(share_is(&v, &b, "emission_sd", 3, 1));
+            T_OK(pvp_share_grid(&v, "rgb_sd", &size) != NULL);
+        }
+        T_EQ_I(put(s, &b, 9), PVX_OK); /* without bars */
+        T_EQ_I(pvp_share_newest(&later, &v), PVP_SHARE_OK);
+        T_EQ_I(v.n_grids, split ? 4 : 2);
+        pvp_share_close(&r);
+        pvp_share_close(&later);
+        vol_share_free(&s);
+        volume_bed_free(&b);
+    }
+}
+
 T_CASE(all_burns) /* the most that a grid can have is what a slot is made for */
 {
     struct volume_bed b;

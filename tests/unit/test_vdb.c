@@ -316,8 +316,9 @@ static bool same_files(const char *a, const char *b)
 static void repair_one(const struct format *f, double share)
 {
     struct volume_bed b;
-    uint64_t good, bad, count = 0;
-    bool done, cut;
+    struct vol_repaired fixed;
+    uint64_t count = 0;
+    bool cut;
     char folder[300], third[400], *bytes;
     size_t n;
     void *r = NULL;
@@ -329,14 +330,14 @@ static void repair_one(const struct format *f, double share)
     record(&b, f->writer, folder, &(struct vol_options){0}, 0, 5, NULL);
     volume_bed_free(&b);
     d = (struct pvx_diag){""};
-    T_EQ_I(vol_repair_folder(folder, &good, &bad, &done, &d), PVX_OK);
-    T_OK(!done && good == 5 && bad == 0);
+    T_EQ_I(vol_repair_folder(folder, &fixed, &d), PVX_OK);
+    T_OK(!fixed.done && fixed.good == 5 && fixed.bad == 0);
     T_EQ_I(pvx_file_read(third, 1 << 24, &bytes, &n, NULL), PVX_OK);
     T_EQ_I(pvx_file_write(third, bytes, (size_t)((double)n * share), NULL), PVX_OK);
     free(bytes);
-    T_EQ_I(vol_repair_folder(folder, &good, &bad, &done, &d), PVX_OK);
+    T_EQ_I(vol_repair_folder(folder, &fixed, &d), PVX_OK);
     T_EQ_S(d.text, "");
-    T_OK(done && good == 4 && bad == 1);
+    T_OK(fixed.done && fixed.good == 4 && fixed.bad == 1);
     T_OK(there(at("cut%d_%s/cut%d_%s_0003.%s.cut-off", (int)(share * 1000), f->end,
                   (int)(share * 1000), f->end, f->end)));
     T_OK(same_files(third, at("cut%d_%s/cut%d_%s_0002.%s", (int)(share * 1000), f->end,
@@ -347,8 +348,8 @@ static void repair_one(const struct format *f, double share)
         T_OK(count == 4 && !cut && g != NULL && g->set_first == 2 && g->set_last == 2);
         f->reader->close(r);
     }
-    T_EQ_I(vol_repair_folder(folder, &good, &bad, &done, &d), PVX_OK);
-    T_OK(!done && good == 5 && bad == 0);
+    T_EQ_I(vol_repair_folder(folder, &fixed, &d), PVX_OK);
+    T_OK(!fixed.done && fixed.good == 5 && fixed.bad == 0);
 }
 
 T_CASE(cut_anywhere_and_repaired)
@@ -361,8 +362,7 @@ T_CASE(cut_anywhere_and_repaired)
 T_CASE(list_of_a_killed_recorder_is_made_anew)
 {
     struct volume_bed b;
-    uint64_t good, bad;
-    bool done;
+    struct vol_repaired fixed;
     char *text;
     size_t n;
     const uint64_t skip[] = {103, 104, 0};
@@ -370,8 +370,8 @@ T_CASE(list_of_a_killed_recorder_is_made_anew)
     volume_bed_new(&b, 8, 8, 8, 1, 0);
     record(&b, &vol_vdb_writer, at("killed"), &o, 100, 8, skip);
     T_EQ_I(rename(at("killed/killed.json"), at("list")), 0);
-    T_EQ_I(vol_repair_folder(at("killed"), &good, &bad, &done, &d), PVX_OK);
-    T_OK(done && good == 8 && bad == 0);
+    T_EQ_I(vol_repair_folder(at("killed"), &fixed, &d), PVX_OK);
+    T_OK(fixed.done && fixed.good == 8 && fixed.bad == 0);
     T_EQ_I(pvx_file_read(at("killed/killed.json"), 1 << 20, &text, &n, NULL), PVX_OK);
     T_CONTAINS(text, "\"gaps\":[{\"why\":\"lost\",\"set_first\":103,\"set_last\":104,");
     char *gaps = strstr(text, "\"gaps\""), *was;

@@ -236,8 +236,7 @@ T_CASE(killed_at_any_time_gives_the_volumes_before)
 T_CASE(folder_of_npy_is_repaired)
 {
     struct pvp_start s = volumes_start(24, 24, 24, 3);
-    uint64_t good, bad;
-    bool done;
+    struct vol_repaired fixed;
     struct pvx_diag d = {""};
     scratch_new();
     vol_writer *w = begin(VOL_NPY, at("npy"), &s);
@@ -247,8 +246,8 @@ T_CASE(folder_of_npy_is_repaired)
     T_EQ_I(vol_writer_gap(w, &far, &d), PVX_OK);
     copy(at("npy/recording.json"), at("open.json"), -1);
     finish(w);
-    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
-    T_OK(!done && good == 4 && bad == 0);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, &d), PVX_OK);
+    T_OK(!fixed.done && fixed.good == 4 && fixed.bad == 0);
     copy(at("open.json"), at("npy/recording.json"), -1); /* killed */
     struct stat st;
     char last[512];
@@ -266,9 +265,10 @@ T_CASE(folder_of_npy_is_repaired)
         vol_reader_close(&r);
     }
     d.text[0] = '\0';
-    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, &d), PVX_OK);
     T_EQ_S(d.text, "");
-    T_OK(done && good == 3 && bad == 1 && access(at("npy/000004.npy.cut-off"), F_OK) == 0);
+    T_OK(fixed.done && fixed.good == 3 && fixed.bad == 1 &&
+         access(at("npy/000004.npy.cut-off"), F_OK) == 0);
     T_EQ_I(whole(at("npy"), &s, 0.3), 3);
     vol_reader *again;
     T_EQ_I(vol_reader_open(at("npy"), &again, &d), PVX_OK);
@@ -277,9 +277,9 @@ T_CASE(folder_of_npy_is_repaired)
     T_OK(g->set_first == far.set_first && g->set_last == far.set_last && g->volumes == 2);
     T_OK(vol_reader_gap(again, 1) == NULL);
     vol_reader_close(&again);
-    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
-    T_OK(!done && good == 3 && bad == 0);
-    T_EQ_I(vol_repair_folder(at("npy/000001.npy"), &good, &bad, &done, &d), PVX_EINVAL);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, &d), PVX_OK);
+    T_OK(!fixed.done && fixed.good == 3 && fixed.bad == 0);
+    T_EQ_I(vol_repair_folder(at("npy/000001.npy"), &fixed, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "name its folder");
     scratch_remove();
 }
@@ -350,8 +350,7 @@ T_CASE(repair_and_reader_agree)
 {
     struct pvp_start s = volumes_start(9, 8, 7, 1), other = volumes_start(9, 8, 7, 3);
     struct pvx_diag d = {""}, d2 = {""};
-    uint64_t good, bad;
-    bool done;
+    struct vol_repaired fixed;
     vol_reader *r = NULL;
     struct vol_volume v;
     scratch_new();
@@ -368,8 +367,8 @@ T_CASE(repair_and_reader_agree)
     T_CONTAINS(d.text, "shape");
     T_EQ_I(set_of(r, 1), 2);
     vol_reader_close(&r);
-    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, NULL), PVX_OK);
-    T_OK(done && good == 2 && bad == 1);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, NULL), PVX_OK);
+    T_OK(fixed.done && fixed.good == 2 && fixed.bad == 1);
     copy(at("other/000003.npy"), at("npy/000003.npy"), -1); /* another recording's, whole */
     copy(at("other/000003.json"), at("npy/000003.json"), -1);
     d.text[0] = '\0';
@@ -377,7 +376,7 @@ T_CASE(repair_and_reader_agree)
     T_EQ_I(vol_reader_get(r, 1, &v, &d), PVX_ERANGE);
     T_CONTAINS(d.text, "set 3");
     vol_reader_close(&r);
-    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d2), PVX_ERANGE);
+    T_EQ_I(vol_repair_folder(at("npy"), &fixed, &d2), PVX_ERANGE);
     T_CONTAINS(d2.text, "000003.npy");
     scratch_remove();
 }

@@ -290,7 +290,7 @@ def bars():
     page.eval("pyrovox.link.say({play: false, seek: 1})")
     page.until("pyrovox.view.set === 1 && !document.getElementById('bars-row').hidden")
     import glob
-    v, sd = (np.load(f"{bare}/000001{end}")[..., 0] for end in (".npy", ".sd.npy"))
+    v, sd = (np.load(f"{bare}/{where}000001.npy")[..., 0] for where in ("", "sd/"))
 
     def at(x, y):
         page.do("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
@@ -333,7 +333,7 @@ def bars():
     assert not page.troubles(), page.troubles()
     page.close()
     bed.end(bridge)
-    for name in glob.glob(f"{bare}/*.sd.npy"):
+    for name in glob.glob(f"{bare}/sd/*.npy"):
         os.unlink(name)
     bridge, url = bed.view(bare)
     page = browser.page(url)

@@ -13,6 +13,7 @@ struct convert {
     struct vol_options o;
     uint64_t written, clamped, behind;
     uint64_t session, newest; /* set that was written last */
+    bool looked, sums, cold;  /* bars of sums, or temperatures, stay behind */
 };
 
 enum { OPT_FROM = 256, OPT_TO, OPT_UP, OPT_UNIT, OPT_SPLIT, OPT_FPS };
@@ -85,8 +86,9 @@ static const struct argp argp = {
            "vdb, and floats in npy, hdf5 and nvdb. nvdb is for renderers on a GPU.\n"
            "\n"
            "Error bars go along, where IN has them: the grid emission_sd has the deviation of "
-           "density (with --split red_sd, green_sd, blue_sd), NAME.sd.npy beside NAME.npy that of "
-           "each value. Only hdf5 keeps what the bar of a sum needs.\n"
+           "density and rgb_sd those of three colours (with --split red_sd, green_sd, blue_sd), "
+           "sd/NAME.npy for NAME.npy that of each value. Only hdf5 keeps what the bar of a sum "
+           "needs, and only vdb keeps the grid temperature. What stays behind is said.\n"
            "\n"
            "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C. The files written by "
            "then are complete.",
@@ -172,6 +174,21 @@ static bool convert_behind(struct convert *c, const struct pvp_volume *v)
     return false;
 }
 
+/* Note what of volume k the format cannot hold.  v is read again if it is an hdf5 with bars. */
+static pvx_err convert_left(struct convert *c, vol_reader *r, uint64_t k, struct vol_volume *v,
+                            struct pvx_diag *d)
+{
+    c->cold |= v->kelvin != NULL && c->format != VOL_VDB;
+    if (c->format == VOL_HDF5 || c->looked || v->bars.sd == NULL)
+        return PVX_OK;
+    c->looked = true;
+    vol_reader_modes(r, true);
+    PVX_TRY(vol_reader_get(r, k, v, d));
+    c->sums = v->bars.n_modes > 0;
+    vol_reader_modes(r, false);
+    return vol_reader_get(r, k, v, d);
+}
+
 /* Copy the volumes.  *w is opened for the first one: without a volume no file is made. */
 static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
 {
@@ -187,6 +204,7 @@ static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, st
                 PVX_TRY(vol_writer_open((enum vol_format)c->format, c->out, vol_reader_head(r),
                                         &c->o, w, d));
             PVX_TRY(copy_gaps(c, r, *w, &gap, v.v.set, d));
+            PVX_TRY(convert_left(c, r, k, &v, d));
             PVX_TRY(vol_writer_put(*w, &v, d));
             bool behind = convert_behind(c, &v.v);
             c->behind += behind;
@@ -251,6 +269,13 @@ static int convert_run(int argc, char **argv)
                 "pyrovox: %llu volumes are left out: their sets are not after the one before; "
                 "hdf5 keeps them\n",
                 (unsigned long long)c.behind);
+    if (c.sums && e == PVX_OK)
+        fprintf(stderr,
+                "pyrovox: %s has no bars of sums, heights and volumes: only hdf5 keeps what they "
+                "need\n",
+                c.out);
+    if (c.cold && e == PVX_OK)
+        fprintf(stderr, "pyrovox: the grid temperature stays behind: only vdb keeps it\n");
     if (c.clamped > 0)
         fprintf(stderr, VOL_CLAMPED_SAID, (unsigned long long)c.clamped);
     return e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;

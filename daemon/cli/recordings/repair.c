@@ -12,7 +12,7 @@
 struct repair {
     const char *file;
     char made[1200], kept[1200]; /* paths: the unfinished new file; the original */
-    uint64_t good, bad;
+    struct vol_repaired made_of;
 };
 
 static error_t repair_parse(int key, char *arg, struct argp_state *state)
@@ -39,7 +39,9 @@ static const struct argp argp = {
            "complete. The original stays beside it as FILE.cut-off. In a folder of .npy, .vdb or "
            ".nvdb files, damaged files are renamed to NAME.cut-off. The set before takes their "
            "numbers (vdb, nvdb), and the list of files is made again. Damaged volumes are left out "
-           "and counted. A recording that was closed in order and has no damaged volume is "
+           "and counted. Where only the error bars of a volume are damaged (npy, hdf5), it stays "
+           "without them, and the count is printed too. A recording that was closed in order and "
+           "has no damaged volume is "
            "not changed.\n"
            "\n"
            "Pyrovox reads recordings that were cut off as they are. Other programs (h5py, MATLAB, "
@@ -72,13 +74,14 @@ static pvx_err repair_copy(struct repair *r, vol_reader *in, vol_writer *out, st
         struct vol_volume v;
         pvx_err e = vol_reader_get(in, k, &v, NULL);
         if (vol_damaged(e)) {
-            r->bad++;
+            r->made_of.bad++;
             continue;
         }
         PVX_THEN(e, vol_writer_put(out, &v, d));
         if (e != PVX_OK)
             return e;
-        r->good++;
+        r->made_of.good++;
+        r->made_of.bare += v.bars.damaged;
         if (isatty(STDERR_FILENO) && (k % 64 == 63 || k + 1 == n))
             fprintf(stderr, "\r%llu of %llu volumes%s", (unsigned long long)(k + 1),
                     (unsigned long long)n, k + 1 == n ? "\n" : "");
@@ -103,6 +106,7 @@ static pvx_err repair_finish(struct repair *r, vol_reader *in, struct pvx_diag *
     vol_writer *out;
     snprintf(r->made, sizeof r->made, "%s.tmp.%ld", r->file, (long)getpid());
     snprintf(r->kept, sizeof r->kept, "%s.cut-off", r->file);
+    vol_reader_spare(in);
     PVX_TRY(vol_writer_open(VOL_HDF5, r->made, vol_reader_head(in), NULL, &out, d));
     pvx_err e = repair_copy(r, in, out, d), closing = vol_writer_close(&out, d);
     PVX_THEN(e, closing);
@@ -113,7 +117,7 @@ static pvx_err repair_finish(struct repair *r, vol_reader *in, struct pvx_diag *
     return e;
 }
 
-static pvx_err repair_hdf5(struct repair *r, vol_reader *in, bool *done, struct pvx_diag *d)
+static pvx_err repair_hdf5(struct repair *r, vol_reader *in, struct pvx_diag *d)
 {
     struct pvx_diag one = {""};
     bool joined = vol_joined_reader.is(r->file), bad = false;
@@ -131,27 +135,34 @@ static pvx_err repair_hdf5(struct repair *r, vol_reader *in, bool *done, struct 
         return pvx_fail(d, PVX_ECORRUPT,
                         "%s; remove that part, and `pyrovox reconstruct --resume` makes it again",
                         one.text);
-    *done = !joined && (bad || vol_reader_cut(in));
-    r->good = vol_reader_count(in);
-    if (!*done || cli_stop)
+    r->made_of.done = !joined && (bad || vol_reader_cut(in));
+    r->made_of.good = vol_reader_count(in);
+    if (!r->made_of.done || cli_stop)
         return PVX_OK;
-    r->good = 0;
+    r->made_of.good = 0;
     return repair_finish(r, in, d);
 }
 
-static int repair_conclude(const struct repair *r, bool done)
+static int repair_conclude(const struct repair *r)
 {
+    const struct vol_repaired *m = &r->made_of;
     struct stat st;
     bool folder = stat(r->file, &st) == 0 && S_ISDIR(st.st_mode);
-    printf("%s: %llu %s, ", r->file, (unsigned long long)r->good, folder ? "files" : "volumes");
-    if (!done)
+    printf("%s: %llu %s, ", r->file, (unsigned long long)m->good, folder ? "files" : "volumes");
+    if (!m->done) {
         printf("nothing to repair\n");
-    else if (folder)
-        printf("finished; %llu damaged files put aside%s\n", (unsigned long long)r->bad,
-               r->bad > 0 ? " as *.cut-off" : "");
-    else
-        printf("finished; %llu damaged ones left out; the original is %s\n",
-               (unsigned long long)r->bad, r->kept);
+        return 0;
+    }
+    printf("finished; %llu damaged %s", (unsigned long long)m->bad,
+           folder ? "files put aside" : "ones left out");
+    if (folder && m->bad > 0)
+        printf(" as *.cut-off");
+    if (m->bare > 0)
+        printf("; of %llu only the error bars are damaged, and %s", (unsigned long long)m->bare,
+               folder ? "put aside as sd/*.cut-off" : "left out");
+    if (!folder)
+        printf("; the original is %s", r->kept);
+    printf("\n");
     return 0;
 }
 
@@ -160,7 +171,6 @@ static int repair_run(int argc, char **argv)
     struct repair r = {0};
     struct pvx_diag d = {""};
     vol_reader *in = NULL;
-    bool done = false;
     if (argp_parse(&argp, argc, argv, 0, NULL, &r) != 0)
         return 2;
     cli_catch_stop();
@@ -169,13 +179,12 @@ static int repair_run(int argc, char **argv)
                     : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
     if (e == PVX_OK)
         vol_reader_modes(in, true);
-    PVX_THEN(e, vol_reader_format(in) == VOL_HDF5
-                    ? repair_hdf5(&r, in, &done, &d)
-                    : vol_repair_folder(r.file, &r.good, &r.bad, &done, &d));
+    PVX_THEN(e, vol_reader_format(in) == VOL_HDF5 ? repair_hdf5(&r, in, &d)
+                                                  : vol_repair_folder(r.file, &r.made_of, &d));
     vol_reader_close(&in);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    return cli_stop ? 130 : repair_conclude(&r, done);
+    return cli_stop ? 130 : repair_conclude(&r);
 }
 
 const struct cli_command cmd_repair = {"repair", "finish a recording of volumes that was cut off",

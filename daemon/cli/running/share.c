@@ -21,7 +21,7 @@ struct share {
     pvp_sub *sub;
     struct view_source film; /* for a recording instead of a daemon */
     pvp_decoder *decoder;
-    struct vol_store store;
+    struct vol_store store, bars;
     vol_share *out;
     struct pvp_start start;
     uint64_t shared, left_out, unreadable, set;
@@ -79,8 +79,9 @@ static const struct argp argp = {
         "  pyrovox share flame --readers all --endpoint tcp://lab:5555 --key me.key\n"
         "  pyrovox share flame recording.h5\n"
         "\n"
-        "The grids are those of `pyrovox record --format nvdb`: density, and for three colours "
-        "emission. Voxel (i, j, k) is at index (i, j, k). The world is in metres, z up. The grids "
+        "The grids are those of `pyrovox record --format nvdb`: density, for three colours "
+        "emission, and where the volume has error bars emission_sd and rgb_sd. Voxel (i, j, k) is "
+        "at index (i, j, k). The world is in metres, z up. The grids "
         "lie in POSIX shared memory /NAME (/dev/shm/NAME). C and C++ programs read them with "
         "pyrovox_share.h, one file that needs only libc, and NanoVDB.h or PNanoVDB.h. PROTOCOL.md "
         "has the layout for other languages.\n"
@@ -129,10 +130,28 @@ static pvx_err share_unreadable(struct share *s, const char *why)
     return PVX_OK;
 }
 
+/* The error bars of volume w.  Bars that cannot be read are left out. */
+static struct vol_bars share_bars(struct share *s, const struct pvp_view *w, size_t floats)
+{
+    struct pvp_view b;
+    uint32_t doubt;
+    size_t len;
+    const void *msg =
+        s->file != NULL ? s->film.ops->bars(s->film.self, &len) : pvp_sub_bars(s->sub, &len);
+    bool good =
+        msg != NULL && pvp_decode_bars(msg, len, &b, &doubt, NULL) == PVX_OK &&
+        pvp_bars_fit(&b, w) &&
+        vol_store_grow(&s->bars, w->n_bricks, w->v.grid.channels) == PVX_OK &&
+        pvp_volume_bricks(s->decoder, &b, s->bars.ids, s->bars.brick, floats, NULL) == PVX_OK;
+    for (size_t k = 0; k < floats && good; k++)
+        good = s->bars.brick[k] >= 0;
+    return good ? (struct vol_bars){.sd = s->bars.brick, .doubt = doubt} : (struct vol_bars){0};
+}
+
 /* Count a volume that cannot be read or for which there is no memory.  The next one may work. */
 static pvx_err share_volume(struct share *s, const void *msg, size_t len, struct pvx_diag *d)
 {
-    struct pvp_view w;
+    struct pvp_view w = {.n_bricks = 0};
     struct pvx_diag bad = {""};
     const size_t cells = (size_t)PVP_BRICK * PVP_BRICK * PVP_BRICK;
     pvx_err e = pvp_decode_volume(msg, len, &w, &bad);
@@ -148,7 +167,8 @@ static pvx_err share_volume(struct share *s, const void *msg, size_t len, struct
                                  .clamped = w.clamped,
                                  .n_bricks = w.n_bricks,
                                  .ids = s->store.ids,
-                                 .brick = s->store.brick};
+                                 .brick = s->store.brick,
+                                 .bars = share_bars(s, &w, cells * w.n_bricks * w.v.grid.channels)};
     e = vol_share_put(s->out, &s->start, &v, &bad);
     if (e != PVX_OK && e != PVX_ENOSPC)
         return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
@@ -266,6 +286,7 @@ static int share_run(int argc, char **argv)
     pvp_sub_free(&s.sub);
     pvp_decoder_free(&s.decoder);
     vol_store_free(&s.store);
+    vol_store_free(&s.bars);
     return e != PVX_OK ? cli_error(&d, e) : 130;
 }
 

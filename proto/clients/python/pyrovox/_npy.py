@@ -1,4 +1,4 @@
-"""A recording as a folder: SET.npy and SET.json of each volume, SET.sd.npy with its error bars, recording.json, rig.yaml, config.yaml.
+"""A recording as a folder: SET.npy and SET.json of each volume, sd/SET.npy with its error bars, recording.json, rig.yaml, config.yaml.
 
 Also a folder of `pyrovox reconstruct`: its .json have `frame`, `time_ns` and `solver` for `set`, `t_exposure_ns` and `report`."""
 from __future__ import annotations
@@ -147,10 +147,10 @@ class Folder:
             raise BadRecording(f"{self.path}/{name}.json: {type(e).__name__}: {e}") from None
 
     def _bars(self, name: str, m: dict[str, Any]) -> dict[str, Any]:
-        if not os.path.exists(os.path.join(self.path, name + ".sd.npy")):
+        if "bars" not in m or not os.path.exists(os.path.join(self.path, "sd", name + ".npy")):
             return {}
-        bits = int(m.get("bars", {}).get("doubt", 0))
-        return {"bars": Beside(self._values(name + ".sd")), "doubts": tuple(_page.doubts(bits))}
+        bits = int(m["bars"].get("doubt", 0))
+        return {"bars": Beside(self._values(os.path.join("sd", name))), "doubts": tuple(_page.doubts(bits))}
 
     def _values(self, name: str) -> Planes:
         path = os.path.join(self.path, name + ".npy")
