@@ -13,8 +13,8 @@ static const struct {
     enum vol_format format;
     const struct vol_reader_ops *ops;
 } readers[] = {
-    {VOL_HDF5, &vol_joined_reader}, {VOL_HDF5, &vol_hdf5_reader}, {VOL_VDB, &vol_vdb_reader},
-    {VOL_NVDB, &vol_nvdb_reader},   {VOL_NPY, &vol_npy_reader},
+    {VOL_HDF5, &vol_kelvin_reader}, {VOL_HDF5, &vol_joined_reader}, {VOL_HDF5, &vol_hdf5_reader},
+    {VOL_VDB, &vol_vdb_reader},     {VOL_NVDB, &vol_nvdb_reader},   {VOL_NPY, &vol_npy_reader},
 };
 
 struct vol_reader {
@@ -25,6 +25,35 @@ struct vol_reader {
     uint64_t count;
     bool cut;
 };
+
+static pvx_err reader_begin(const char *path, enum vol_format format,
+                            const struct vol_reader_ops *ops, vol_reader **out, struct pvx_diag *d)
+{
+    vol_reader *r = pvx_calloc(1, sizeof *r);
+    PVX_NEED(r);
+    r->format = format;
+    r->ops = ops;
+    pvx_err e = r->ops->open(&r->self, path, &r->head, &r->count, &r->cut, d);
+    if (e != PVX_OK) {
+        free(r);
+        return e;
+    }
+    *out = r;
+    return PVX_OK;
+}
+
+pvx_err vol_reader_open_soot(const char *path, vol_reader **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    if (access(path, R_OK) != 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    if (!vol_soot_reader.is(path))
+        return pvx_fail(d, PVX_EFORMAT,
+                        "%s: has no amounts of soot: `pyrovox temperature` makes a file that has "
+                        "them",
+                        path);
+    return reader_begin(path, VOL_HDF5, &vol_soot_reader, out, d);
+}
 
 pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d)
 {
@@ -42,17 +71,19 @@ pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d)
                         "%s: is not a recording of volumes (a folder of .npy, .vdb or .nvdb, "
                         "an HDF5 file)",
                         path);
-    vol_reader *r = pvx_calloc(1, sizeof *r);
-    PVX_NEED(r);
-    r->format = readers[k].format;
-    r->ops = readers[k].ops;
-    pvx_err e = r->ops->open(&r->self, path, &r->head, &r->count, &r->cut, d);
-    if (e != PVX_OK) {
-        free(r);
-        return e;
-    }
-    *out = r;
-    return PVX_OK;
+    return reader_begin(path, readers[k].format, readers[k].ops, out, d);
+}
+
+pvx_err vol_reader_emission(const vol_reader *r, const char *path, struct pvx_diag *d)
+{
+    const char *units = r->head.start.units;
+    if (vol_is_emission(units))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EINVAL,
+                    "%s: has %s, and emission [1/m] is needed: give the recording that the "
+                    "temperatures were made of",
+                    path,
+                    strcmp(units, VOL_UNITS_KELVIN) == 0 ? "temperatures [K]" : "amounts of soot");
 }
 
 enum vol_format vol_reader_format(const vol_reader *r)

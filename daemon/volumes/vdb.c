@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "daemon/volumes/numbered.h"
+#include "daemon/volumes/vdb_kelvin.h"
 #include "daemon/volumes/vdb_layout.h"
 #include "daemon/volumes/vdb_module.h"
 
@@ -12,7 +13,8 @@ struct vdb {
     struct vol_vdb_about about;
     struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
     char path[400];
-    bool nano;
+    bool nano, in_kelvin;
+    struct vol_vdb_kelvin kelvin;
 };
 
 static pvx_err vdb_check(const char *path, struct pvx_diag *d)
@@ -26,18 +28,28 @@ static pvx_err vdb_open_any(bool nano, void **self, const char *path, const stru
                             const struct vol_options *o, struct pvx_diag *d)
 {
     const struct vol_vdb *module;
+    struct vol_head mine = *head;
+    bool in_kelvin = strcmp(head->start.units, VOL_UNITS_KELVIN) == 0;
     *self = NULL;
+    if (nano && in_kelvin)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: temperatures are not written as .nvdb, where a renderer would take "
+                        "them for light: take vdb, hdf5 or npy",
+                        path);
+    if (in_kelvin)
+        snprintf(mine.start.units, sizeof mine.start.units, VOL_UNITS_DENSITY);
     PVX_TRY(vol_vdb_need(path, &module, d));
     struct vdb *w = calloc(1, sizeof *w);
     PVX_NEED(w);
     w->module = module;
     w->nano = nano;
+    w->in_kelvin = in_kelvin;
     snprintf(w->path, sizeof w->path, "%s", path);
-    w->about.start = head->start;
+    w->about.start = mine.start;
     w->about.y_up = o->y_up;
     w->about.split = o->split && head->start.grid.channels == 3;
     w->about.unit_m = o->unit_m > 0 ? o->unit_m : 1;
-    pvx_err e = vol_numbered_new(path, nano ? "nvdb" : "vdb", head, o, &w->files, d);
+    pvx_err e = vol_numbered_new(path, nano ? "nvdb" : "vdb", &mine, o, &w->files, d);
     if (e == PVX_OK)
         *self = w;
     else
@@ -63,8 +75,11 @@ static pvx_err vdb_put(void *self, const struct vol_volume *v, struct pvx_diag *
     struct vol_vdb_bytes bytes = {NULL, 0};
     if (vol_numbered_wants(w->files, &v->v)) {
         struct vol_vdb_bricks b;
+        struct vol_volume shown = *v;
         char err[256] = "";
-        vol_vdb_lay(&w->about, v, w->note, &b);
+        if (w->in_kelvin)
+            PVX_TRY(vol_vdb_kelvin(&w->kelvin, v, &shown));
+        vol_vdb_lay(&w->about, &shown, w->note, &b);
         int e =
             (w->nano ? w->module->write_nvdb : w->module->write_vdb)(&b, &bytes, err, sizeof err);
         if (e != PVX_OK)
@@ -90,6 +105,7 @@ static pvx_err close_all(void *self, struct pvx_diag *d)
 {
     struct vdb *w = self;
     pvx_err e = vol_numbered_close(&w->files, d);
+    vol_vdb_kelvin_free(&w->kelvin);
     free(w);
     return e;
 }

@@ -6,10 +6,21 @@
  * Threads: a writer or a reader belongs to one thread at a time. */
 #ifndef VOL_VOLUMES_H
 #define VOL_VOLUMES_H
+#include <string.h>
+
 #include "proto/pvp.h"
 
 enum vol_format { VOL_NPY, VOL_HDF5, VOL_VDB, VOL_NVDB, VOL_FORMATS };
 extern const char *const vol_format_names[VOL_FORMATS]; /* "npy", "hdf5", "vdb", "nvdb" */
+/* What is not emission: one channel, 0 where there is none.  A .vdb of temperatures has a density of 1 there. */
+#define VOL_UNITS_KELVIN  "K"
+#define VOL_UNITS_SOOT    "ppm"
+#define VOL_UNITS_DENSITY "1"
+static inline bool vol_is_emission(const char *units)
+{
+    return strcmp(units, VOL_UNITS_KELVIN) != 0 && strcmp(units, VOL_UNITS_SOOT) != 0 &&
+           strcmp(units, VOL_UNITS_DENSITY) != 0;
+}
 /* Ends in .h5 or .hdf5. */
 bool vol_hdf5_name(const char *path);
 
@@ -98,6 +109,12 @@ typedef struct vol_reader vol_reader;
  * as it is whole; then vol_reader_cut is true.
  * Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EVERSION (of a later version), PVX_ECORRUPT, PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d);
+/* The amounts of soot [ppm] of a recording of temperatures (thermal.h), which vol_reader_open gives as kelvin.
+ * PVX_EFORMAT: it is none; PVX_EINVAL: it does not know them. */
+PVX_MUST_CHECK pvx_err vol_reader_open_soot(const char *path, vol_reader **out, struct pvx_diag *d);
+/* PVX_EINVAL: its volumes are not emission (vol_head.start.units). */
+PVX_MUST_CHECK pvx_err vol_reader_emission(const vol_reader *r, const char *path,
+                                           struct pvx_diag *d);
 enum vol_format vol_reader_format(const vol_reader *r);
 const struct vol_head *vol_reader_head(const vol_reader *r);
 uint64_t vol_reader_count(const vol_reader *r);
@@ -159,5 +176,5 @@ struct cJSON;
 void vol_npy_put_gap(struct cJSON *list, const struct vol_gap *g);
 extern const struct vol_writer_ops vol_npy_writer, vol_hdf5_writer, vol_vdb_writer, vol_nvdb_writer;
 extern const struct vol_reader_ops vol_npy_reader, vol_hdf5_reader, vol_joined_reader,
-    vol_vdb_reader, vol_nvdb_reader;
+    vol_kelvin_reader, vol_soot_reader, vol_vdb_reader, vol_nvdb_reader;
 #endif

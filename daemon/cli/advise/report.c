@@ -135,6 +135,7 @@ static pvx_err report_make(struct report *r, struct pvx_diag *d)
         .measure = {.channel = -1, .level = (double)NAN}, .to = INT64_MAX, .quiet = r->a.quiet};
     char path[4300];
     PVX_TRY(vol_reader_open(r->in, &r->volumes, d));
+    PVX_TRY(vol_reader_emission(r->volumes, r->in, d));
     r->head = vol_reader_head(r->volumes);
     if (vol_reader_count(r->volumes) == 0)
         return pvx_fail(d, PVX_ENOENT, "%s: no volume in it", r->in);

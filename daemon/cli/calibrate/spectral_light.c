@@ -200,8 +200,8 @@ pvx_err calibrate_spectral_point(const struct calibrate_spectral_args *a, struct
     struct point_sums s = {.n = 0};
     vol_reader *r;
     PVX_TRY(vol_reader_open(a->volume, &r, d));
-    pvx_err e = PVX_OK;
-    if (vol_reader_head(r)->start.grid.channels != 3)
+    pvx_err e = vol_reader_emission(r, a->volume, d);
+    if (e == PVX_OK && vol_reader_head(r)->start.grid.channels != 3)
         e = pvx_fail(d, PVX_EINVAL, "%s: has one channel: a temperature needs three", a->volume);
     PVX_THEN(e, point_read(r, a, &s, d));
     vol_reader_close(&r);

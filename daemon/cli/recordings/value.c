@@ -147,14 +147,27 @@ static void value_say_bars(const struct value *v, const struct course *c)
                                                   : "for a reason that this version does not know");
 }
 
-static pvx_err value_volumes(const struct value *v, struct course *c, struct pvx_diag *d)
+static pvx_err value_thermal_options(const struct value *v, struct pvx_diag *d)
+{
+    return v->how.measure.channel < 0 && isnan(v->how.measure.level)
+               ? PVX_OK
+               : pvx_fail(d, PVX_EINVAL,
+                          "%s: has temperatures: --channel and --above are for volumes", v->in);
+}
+
+/* *kelvin: they are temperatures. */
+static pvx_err value_volumes(const struct value *v, struct course *c, bool *kelvin,
+                             struct pvx_diag *d)
 {
     vol_reader *r;
     PVX_TRY(vol_reader_open(v->in, &r, d));
+    *kelvin = strcmp(vol_reader_head(r)->start.units, VOL_UNITS_KELVIN) == 0;
     if (vol_reader_cut(r))
         fprintf(stderr, "pyrovox: %s was cut off, or is being written: %llu volumes are whole\n",
                 v->in, (unsigned long long)vol_reader_count(r));
-    pvx_err e = course_read(r, v->in, &v->how, c, d);
+    pvx_err e = *kelvin ? value_thermal_options(v, d) : vol_reader_emission(r, v->in, d);
+    PVX_THEN(e, *kelvin ? course_read_kelvin(r, v->in, &v->how, c, d)
+                        : course_read(r, v->in, &v->how, c, d));
     vol_reader_close(&r);
     return e;
 }
@@ -162,9 +175,7 @@ static pvx_err value_volumes(const struct value *v, struct course *c, struct pvx
 static pvx_err value_temperatures(const struct value *v, struct course *c, struct pvx_diag *d)
 {
     vol_thermal_reader *r;
-    if (v->how.measure.channel >= 0 || !isnan(v->how.measure.level))
-        return pvx_fail(d, PVX_EINVAL,
-                        "%s: has temperatures: --channel and --above are for volumes", v->in);
+    PVX_TRY(value_thermal_options(v, d));
     PVX_TRY(vol_thermal_read(v->in, &r, d));
     pvx_err e = course_read_thermal(r, v->in, &v->how, c, d);
     vol_thermal_read_close(&r);
@@ -177,7 +188,7 @@ static pvx_err value_of(struct value *v, struct pvx_diag *d)
     bool thermal = vol_is_thermal(v->in);
     PVX_TRY(cli_may_write(v->csv, v->force, d));
     PVX_TRY(cli_may_write(v->plot, v->force, d));
-    pvx_err e = thermal ? value_temperatures(v, &c, d) : value_volumes(v, &c, d);
+    pvx_err e = thermal ? value_temperatures(v, &c, d) : value_volumes(v, &c, &thermal, d);
     if (e == PVX_OK) {
         course_print(stdout, &c);
         fflush(stdout);

@@ -8,6 +8,7 @@
 #include "base/mem.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/report/plot.h"
+#include "daemon/volumes/bricks.h"
 
 #define LEVEL 0.1 /* of the brightest voxel */
 
@@ -175,6 +176,68 @@ pvx_err course_read_thermal(vol_thermal_reader *r, const char *name, const struc
             return PVX_ECANCELED;
     }
     return course_done(out, name, n, d);
+}
+
+/* A volume in kelvin as a set of temperatures; `value` has room for all of its voxels, each four times. */
+static void course_dense(const struct vol_volume *v, float *value, struct vol_thermal_set *out)
+{
+    size_t n = pvp_grid_count(&v->v.grid);
+    struct vol_volume sd = *v;
+    *out = (struct vol_thermal_set){.number = v->v.set, .t_exposure_ns = v->v.t_exposure_ns};
+    memset(value, 0, VOL_THERMAL_READ * n * sizeof *value);
+    for (int k = 0; k < VOL_THERMAL_READ; k++)
+        out->value[k] = value + (size_t)k * n;
+    vol_to_dense(v, value + VOL_KELVIN * n);
+    sd.brick = v->bars.sd;
+    if (sd.brick != NULL)
+        vol_to_dense(&sd, value + VOL_KELVIN_SD * n);
+    for (size_t i = 0; i < n; i++) {
+        bool known = value[VOL_KELVIN * n + i] > 0;
+        value[VOL_KELVIN * n + i] = known ? value[VOL_KELVIN * n + i] : NAN;
+        value[VOL_KELVIN_SD * n + i] = sd.brick != NULL ? value[VOL_KELVIN_SD * n + i] : NAN;
+        value[VOL_SOOT * n + i] = value[VOL_SOOT_SD * n + i] = NAN;
+    }
+}
+
+static pvx_err course_kelvin_sets(vol_reader *r, const struct vol_cells *m, float *value,
+                                  struct course *out, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "measuring", .quiet = out->how.quiet};
+    uint64_t n = vol_reader_count(r);
+    for (uint64_t k = 0; k < n; k++) {
+        struct vol_volume v;
+        struct vol_thermal_set t;
+        PVX_TRY(vol_reader_get(r, k, &v, d));
+        if (course_wants(&out->how, &v.v)) {
+            struct course_row *row = &out->row[out->n++];
+            *row = (struct course_row){
+                .place = k, .v = v.v, .bars = v.bars.sd != NULL, .doubt = v.bars.doubt};
+            course_dense(&v, value, &t);
+            course_heat(&t, m, row);
+            course_time(out, row);
+        }
+        if (!cli_progress(&bar, (double)(k + 1) / (double)n))
+            return PVX_ECANCELED;
+    }
+    return PVX_OK;
+}
+
+pvx_err course_read_kelvin(vol_reader *r, const char *name, const struct course_how *how,
+                           struct course *out, struct pvx_diag *d)
+{
+    uint64_t n = vol_reader_count(r);
+    const struct pvp_grid *g = &vol_reader_head(r)->start.grid;
+    *out = (struct course){.how = *how, .column = temperatures, .figures = COURSE_MOST};
+    out->how.measure.level = NAN;
+    const struct vol_cells m = vol_region_cells(g, &how->measure.region);
+    if (vol_cells_count(&m) == 0)
+        return vol_region_empty(g, d);
+    float *value = pvx_calloc(VOL_THERMAL_READ * pvp_grid_count(g), sizeof *value);
+    out->row = pvx_calloc(n + 1, sizeof *out->row);
+    pvx_err e = value != NULL && out->row != NULL ? PVX_OK : PVX_ENOMEM;
+    PVX_THEN(e, course_kelvin_sets(r, &m, value, out, d));
+    free(value);
+    return e == PVX_OK ? course_done(out, name, n, d) : e;
 }
 
 void course_free(struct course *c)

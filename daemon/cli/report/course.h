@@ -45,6 +45,10 @@ PVX_MUST_CHECK pvx_err course_read(vol_reader *r, const char *name, const struct
 PVX_MUST_CHECK pvx_err course_read_thermal(vol_thermal_reader *r, const char *name,
                                            const struct course_how *how, struct course *out,
                                            struct pvx_diag *d);
+/* The same of volumes in kelvin, as a running daemon publishes them: they know nothing of soot. */
+PVX_MUST_CHECK pvx_err course_read_kelvin(vol_reader *r, const char *name,
+                                          const struct course_how *how, struct course *out,
+                                          struct pvx_diag *d);
 void course_free(struct course *c);
 
 /* Figures of volumes, and of temperatures. */

@@ -297,6 +297,7 @@ static pvx_err temperature_all(const struct temperature_args *a, struct pvx_diag
     vol_reader *r = NULL;
     PVX_TRY(rec_rig_load(a->rig, &rig, d));
     pvx_err e = vol_reader_open(a->in, &r, d);
+    PVX_THEN(e, vol_reader_emission(r, a->in, d));
     if (e == PVX_OK && vol_reader_head(r)->start.grid.channels != 3)
         e = pvx_fail(d, PVX_EINVAL,
                      "%s: has one channel: a temperature needs the three of colour cameras", a->in);
