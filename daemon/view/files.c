@@ -15,6 +15,8 @@
     X(pvx, "pvx.js", JS)         \
     X(bricks, "bricks.js", JS)   \
     X(probe, "probe.js", JS)     \
+    X(scale, "scale.js", JS)     \
+    X(legend, "legend.js", JS)   \
     X(pointer, "pointer.js", JS) \
     X(worker, "worker.js", JS)   \
     X(flame, "flame.js", JS)     \

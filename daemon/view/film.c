@@ -1,6 +1,7 @@
 /* film.c - a recording as a source: it plays at its own rate, over and over, and goes where a page says. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/clock.h"
 #include "daemon/view/source.h"
@@ -13,6 +14,8 @@ enum step { SEND_START, SEND_RIG, SEND_VOLUMES };
 struct film {
     const char *path;
     vol_reader *in;
+    vol_reader *temperatures,
+        *soot; /* of a recording that has both, `in` is one of them; else NULL */
     vol_voxels *voxels;
     pvp_encoder *encoder, *bars_encoder;
     const void *bars; /* the message of the volume sent last, NULL: it has none */
@@ -108,9 +111,24 @@ static const void *film_bars(void *self, size_t *len)
     return f->bars;
 }
 
+/* Another quantity is another session. */
+static void film_exchange(struct film *f, bool soot)
+{
+    vol_reader *to = soot ? f->soot : f->temperatures;
+    if (to == NULL || to == f->in)
+        return;
+    f->in = to;
+    f->step = SEND_START;
+    f->bars = NULL;
+    f->at = f->shown;
+    f->wanted = true;
+}
+
 static void film_said(void *self, const struct view_words *w)
 {
     struct film *f = self;
+    if (w->said & VIEW_SAID_SOOT)
+        film_exchange(f, w->soot);
     if (w->said & VIEW_SAID_SPEED)
         f->speed = w->speed;
     if (w->said & VIEW_SAID_SEEK) {
@@ -142,6 +160,10 @@ static void film_stats(void *self, struct view_source_stats *out)
              (unsigned long long)f->count, (unsigned long long)f->shown,
              f->playing ? "true" : "false", f->speed, vol_reader_cut(f->in) ? "true" : "false",
              (unsigned long long)vol_reader_unsolved(f->in));
+    size_t n = strlen(out->words);
+    if (f->soot != NULL && n > 0) /* in place of the last brace */
+        snprintf(out->words + n - 1, sizeof out->words - n + 1, ",\"soot\":%s}",
+                 f->in == f->soot ? "true" : "false");
 }
 
 static void film_free(void *self)
@@ -150,7 +172,11 @@ static void film_free(void *self)
     vol_voxels_free(&f->voxels);
     pvp_encoder_free(&f->encoder);
     pvp_encoder_free(&f->bars_encoder);
-    vol_reader_close(&f->in);
+    if (f->in != f->soot)
+        vol_reader_close(&f->in);
+    else
+        vol_reader_close(&f->temperatures);
+    vol_reader_close(&f->soot);
     free(f);
 }
 
@@ -164,6 +190,9 @@ static pvx_err open_film(struct film *f, struct pvx_diag *d)
     f->count = vol_reader_count(f->in);
     if (f->count == 0)
         return pvx_fail(d, PVX_ENOENT, "%s: no volume in it", f->path);
+    if (strcmp(vol_reader_head(f->in)->start.units, VOL_UNITS_KELVIN) == 0 &&
+        vol_reader_open_soot(f->path, &f->soot, NULL) == PVX_OK)
+        f->temperatures = f->in;
     PVX_TRY(vol_reader_get(f->in, 0, &first, d));
     const struct pvp_grid *g = &vol_reader_head(f->in)->start.grid;
     PVX_TRY(vol_voxels_new(g, &f->voxels));

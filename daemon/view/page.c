@@ -149,7 +149,7 @@ static void heed(view_page *p, const struct view_words *w)
         p->previews = w->previews;
     if (w->said & VIEW_SAID_BARS)
         p->bars = w->bars;
-    unsigned film = w->said & (VIEW_SAID_PLAY | VIEW_SAID_SEEK | VIEW_SAID_SPEED);
+    unsigned film = w->said & (VIEW_SAID_PLAY | VIEW_SAID_SEEK | VIEW_SAID_SPEED | VIEW_SAID_SOOT);
     unsigned order = w->said & VIEW_SAID_ORDER;
     if (order != 0)
         p->words.order = w->order;
@@ -159,6 +159,8 @@ static void heed(view_page *p, const struct view_words *w)
         p->words.seek = w->seek;
     if (film & VIEW_SAID_SPEED)
         p->words.speed = w->speed;
+    if (film & VIEW_SAID_SOOT)
+        p->words.soot = w->soot;
     p->words.said |= film | order;
 }
 

@@ -49,7 +49,7 @@ static bool words_take(const cJSON *j, struct view_words *w)
         {"token", VIEW_SAID_TOKEN},   {"credits", VIEW_SAID_CREDITS},   {"drawn", VIEW_SAID_DRAWN},
         {"hidden", VIEW_SAID_HIDDEN}, {"previews", VIEW_SAID_PREVIEWS}, {"play", VIEW_SAID_PLAY},
         {"seek", VIEW_SAID_SEEK},     {"speed", VIEW_SAID_SPEED},       {"held", VIEW_SAID_HELD},
-        {"order", VIEW_SAID_ORDER},   {"bars", VIEW_SAID_BARS}};
+        {"order", VIEW_SAID_ORDER},   {"bars", VIEW_SAID_BARS},         {"soot", VIEW_SAID_SOOT}};
     unsigned said = 0;
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
         if (j->string != NULL && strcmp(j->string, keys[i].name) == 0)
@@ -63,6 +63,7 @@ static bool words_take(const cJSON *j, struct view_words *w)
     case VIEW_SAID_HIDDEN: return flag(j, &w->hidden);
     case VIEW_SAID_PREVIEWS: return flag(j, &w->previews);
     case VIEW_SAID_BARS: return flag(j, &w->bars);
+    case VIEW_SAID_SOOT: return flag(j, &w->soot);
     case VIEW_SAID_PLAY: return flag(j, &w->play);
     case VIEW_SAID_SEEK: return words_whole(j, &w->seek);
     case VIEW_SAID_SPEED: return words_speed(j, &w->speed);

@@ -23,7 +23,8 @@ enum view_said {
     VIEW_SAID_SPEED = 128,
     VIEW_SAID_HELD = 256,
     VIEW_SAID_ORDER = 512,
-    VIEW_SAID_BARS = 1024
+    VIEW_SAID_BARS = 1024,
+    VIEW_SAID_SOOT = 2048
 };
 struct view_words {
     unsigned said; /* VIEW_SAID_*: which of these are there */
@@ -32,6 +33,7 @@ struct view_words {
     uint64_t held;    /* set of the volume that is in the texture */
     uint64_t drawn;   /* set of the volume that is on the screen */
     bool hidden, previews, bars, play;
+    bool soot;     /* of a recording of temperatures: show soot */
     uint64_t seek; /* volume of the recording */
     double speed;  /* 0.01 to 100 */
     enum view_order order;

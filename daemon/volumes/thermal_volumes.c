@@ -50,6 +50,7 @@ static pvx_err thermal_volumes_head(struct thermal_volumes *t, const char *path,
     (void)take_h5_get_attr(file, "absolute", H5T_NATIVE_DOUBLE, 8, &absolute);
     H5Eclear2(H5E_DEFAULT);
     H5Fclose(file);
+    s->session += t->field == VOL_SOOT; /* a session has one quantity */
     t->session = s->session;
     if (t->field == VOL_SOOT && absolute == 0)
         return pvx_fail(d, PVX_EINVAL,

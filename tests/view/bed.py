@@ -34,6 +34,36 @@ def blobs(n, channels, seed):
     return v.astype(np.float16).astype(np.float32)
 
 
+# What a camera sees every 20 nm from 400 nm (tests/lib/curves.h, the second), and its constants: soot of 1900 K is as bright
+# in all three channels.
+RESPONSE = np.array([[0, 0, .04, .03, .04, .04, .09, .06, .04, .47, .68, .46, .29, .15, .03, 0, 0], [0, .01, .16, .24, .43, .65, .94, .90, .67, .43, .18, .06, .03, .02, .01, 0, 0],
+                     [0, .05, .81, .87, .82, .53, .22, .09, .03, .01, .01, 0, 0, 0, 0, 0, 0]])
+METRES = np.arange(400, 720.5, 0.5) * 1e-9
+
+
+def soot_light(kelvin):
+    """Of each channel, for a volume fraction of 1 and constants of 1: Planck, and Rayleigh's absorption with E(m) = 0.26."""
+    h, c, k = 6.62607015e-34, 299792458.0, 1.380649e-23
+    light = 6 * np.pi * 0.26 / METRES * 2 * h * c ** 2 / METRES ** 5 / np.expm1(h * c / k / METRES / kelvin)
+    return np.array([np.trapz(np.interp(METRES, np.arange(400, 721, 20) * 1e-9, s) * light, METRES) for s in RESPONSE])
+
+
+CONSTANT = 1e6 / soot_light(1900.0)  # 1 ppm is 1/m
+
+
+def spectral(constant=CONSTANT):
+    """`spectral:` of rig.yaml; constants are known to 1 %."""
+    rows = "".join(f"  {n}: {[float(x) for x in s]}\n" for n, s in zip(("red", "green", "blue"), RESPONSE))
+    return f"spectral:\n  from: 400\n  step: 20\n{rows}  constant: {[float(x) for x in constant]}\n  covariance: [1e-4, 0, 0, 0, 1e-4, 0, 0, 0, 1e-4]\n  absolute: true\n"
+
+
+def sooty(kelvin, ppm):
+    """Emission [z][y][x][3] of soot."""
+    at = np.arange(1000, 2600, 2.0)
+    table = np.array([soot_light(t) for t in at]) * CONSTANT * 1e-6
+    return ppm[..., None] * np.stack([np.interp(kelvin, at, table[:, q]) for q in range(3)], -1)
+
+
 class Bed:
     def __init__(self, build, label="view"):
         self.build, self.label = build, label

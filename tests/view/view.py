@@ -3,14 +3,16 @@ import base64
 import http.server
 import json
 import os
+import re
 import signal
 import sys
 import threading
 import time
 
+import h5py
 import numpy as np
 
-from bed import Bed, blobs
+from bed import Bed, blobs, sooty, spectral
 from devtools import Browser
 
 bed = Bed(sys.argv[1])
@@ -346,6 +348,145 @@ def bars():
     bed.end(bridge)
 
 
+def choose(page, id, value, event="change"):
+    page.eval(f"{{ const e = document.getElementById('{id}'); e.value = '{value}'; e.dispatchEvent(new Event('{event}')); }} 0")
+
+
+def kelvin():
+    """Temperatures: a colour bar in kelvin, the value under the pointer with its bar, nothing where there is none; soot by a switch."""
+    n = 32
+    z, y, x = np.mgrid[0:n, 0:n, 0:n]
+    ball = ((x - 15.5) ** 2 + (y - 15.5) ** 2 + (z - 15.5) ** 2) < 100
+    truth = 1500.0 + 12 * z
+    emission = sooty(truth, np.where(ball, 1.0, 0.0))
+    folder = bed.recording("sooty", [emission, emission * 1.5], "box", (-0.5, -0.5, 0), (0.5, 0.5, 1))
+    rig = bed.rig(n)
+    with open(rig) as f:
+        text = f.read()
+    with open(f"{bed.dir}/spectral.yaml", "w") as f:
+        f.write(text + spectral())
+    h5 = f"{bed.dir}/kelvin.h5"
+    bed.run(f"{bed.bin}/pyrovox", "temperature", folder, "--rig", f"{bed.dir}/spectral.yaml", "--noise", "0.01", "--quiet", "--out", h5)
+    with h5py.File(h5) as f:
+        temperature, deviation, soot = (f[k][0] for k in ("temperature", "temperature_sd", "soot"))
+    known = np.isfinite(temperature)
+    assert known.sum() > 3000 and np.array_equal(known, known & ball)
+    bridge, url = bed.view(h5)
+    page = browser.page(url)
+    shown(page, url)
+    page.eval("pyrovox.link.say({play: false, seek: 0})")
+    page.until("pyrovox.view.set === 0 && !document.getElementById('legend').hidden")
+    assert page.eval("document.getElementById('exposure-rows').hidden && !document.getElementById('scale-rows').hidden")
+
+    def legend():
+        ticks = page.eval("[...document.querySelectorAll('#map-ticks span')].map((s) => s.textContent).join()")
+        return [float(t) for t in ticks.split(",")], page.eval("document.getElementById('map-unit').textContent"), json.loads(page.eval("JSON.stringify([pyrovox.scaled.scale.low, pyrovox.scaled.scale.high])"))
+
+    def table(share):
+        return json.loads(page.eval(f"import('./colours.js').then((m) => JSON.stringify([...m.table(pyrovox.flame().look.colours).slice(4 * Math.round(255 * {share}), 4 * Math.round(255 * {share}) + 3)]))"))
+    ticks, title, (low, high) = legend()
+    assert title.startswith("temperature, K · hottest along") and 3 <= len(ticks) <= 7, (title, ticks)
+    assert all(t % 20 == 0 and low <= t <= high for t in ticks), ticks
+    assert low <= np.nanpercentile(temperature, 0.5) and np.nanpercentile(temperature, 99.5) <= high and high - low < 2 * np.ptp(temperature[known]), (low, high)
+    bar = json.loads(page.eval("JSON.stringify([...document.getElementById('map').getContext('2d').getImageData(64, 0, 1, 1).data])"))
+    assert bar[:3] == table(64 / 255), (bar, table(64 / 255))  # even in the value
+
+    # a look along y from far away: each pixel has the colour of the hottest voxel behind it, or is empty
+    eye, fov, far = (0.001, -40.0, 0.501), 1.6, 40.0
+    picture = lambda: np.frombuffer(base64.b64decode(page.eval(f"pyrovox.picture(200, 200, {list(eye)}, [0.001, 0, 0.501], {fov}, 1, pyrovox.flame().look.colours)")), np.uint8).reshape(200, 200, 4)[..., :3].astype(int)
+    got, half = picture(), np.tan(np.radians(fov) / 2) * far
+    hottest, colours = np.nanmax(np.where(known, temperature, 0), 1), np.array([table(i / 255) for i in range(256)])
+    seen = empty = 0
+    for j in range(10, 190, 6):
+        for i in range(10, 190, 6):
+            at = np.array((0.001 + (2 * (i + 0.5) / 200 - 1) * half + 0.5, 0.501 - (2 * (j + 0.5) / 200 - 1) * half)) * n
+            if np.abs(at - np.round(at)).min() < 0.15 or not (0 < at).all() or not (at < n).all():
+                continue  # the rays of a perspective picture are not quite parallel
+            t = hottest[int(at[1]), int(at[0])]
+            want = np.array((4, 5, 7)) if t == 0 else colours[round(255 * min(1, max(0, (t - low) / (high - low))))]
+            assert np.abs(got[j, i] - want).max() <= (1 if t == 0 else 12), (i, j, t, got[j, i], want)
+            seen, empty = seen + (t > 0), empty + (t == 0)
+    assert seen > 100 and empty > 100, (seen, empty)
+
+    box = json.loads(page.eval("JSON.stringify([...['x', 'y', 'width', 'height'].map((k) => document.getElementById('flame').getBoundingClientRect()[k])])"))
+    at = lambda x, y: page.do("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
+    def value(want):
+        page.until(f"document.getElementById('value').innerText.includes('{want}') && document.getElementById('value').innerText.includes('±')")
+        words = page.eval("document.getElementById('value').innerText")
+        v, sd = map(float, re.match(r"([0-9.]+) ± ([0-9.]+) ", words).groups())
+        where = [float(w) for w in re.search(r"x (\S+), y (\S+), z (\S+) m", words).groups()]
+        i, j, k = (min(n - 1, int(f)) for f in ((where[0] + 0.5) * n, (where[1] + 0.5) * n, where[2] * n))
+        return v, sd, (k, j, i), words
+    at(box[0] + box[2] / 2, box[1] + box[3] / 2)
+    v, sd, cell, words = value(" K")
+    assert "hottest along this line of sight" in words and "no error bar" not in words, words
+    assert abs(v - temperature[cell]) <= 1.01 and abs(sd / deviation[cell] - 1) < 0.05 and abs(v - truth[cell]) < 3 * sd, (words, temperature[cell], deviation[cell])
+    page.shot(f"{bed.shots}/kelvin.png")
+    at(box[0] + 300, box[1] + box[3] - 120)
+    page.until("document.getElementById('value').hidden")  # beside the flame there is nothing
+    at(box[0] + box[2] / 2, box[1] + box[3] / 2)
+    # what is saved has the colour bar
+    ink = "(() => { const c = pyrovox.saved(), d = c.getContext('2d').getImageData(0, 0, c.width, 70).data; let n = 0; for (let i = 0; i < d.length; i += 4) n += d[i] + d[i + 1] + d[i + 2] > 250; return n; })()"
+    assert page.eval(ink) > 800
+    # slices, and the bars in place of the values
+    page.eval("document.querySelectorAll('details')[1].open = true; 0")
+    clicks(page, "slices")
+    page.until("document.getElementById('map-unit').textContent.endsWith('in the slices')")
+    at(box[0] + box[2] / 2 + 1, box[1] + box[3] / 2)
+    page.until("document.getElementById('value').innerText.includes('in the slice')")
+    v, sd, cell, words = value(" K")
+    assert abs(v - temperature[cell]) <= 1.01, words
+    time.sleep(0.5)
+    page.shot(f"{bed.shots}/kelvin-slices.png")
+    clicks(page, "slices")
+    page.until("!document.getElementById('bars-row').hidden && document.getElementById('bars-row').innerText.includes('instead of the temperature')")
+    clicks(page, "bars")
+    page.until("document.getElementById('map-unit').textContent.startsWith('error bar of temperature, K') && pyrovox.scaled.scale.known")
+    ticks, _, (low, high) = legend()
+    assert low == 0 and np.nanpercentile(deviation, 99) <= high < 3 * np.nanmax(deviation), (low, high)
+    clicks(page, "bars")
+    page.until("document.getElementById('map-unit').textContent.startsWith('temperature, K') && pyrovox.scaled.scale.low > 1000")
+    # a range of one's own
+    choose(page, "scale-low", 1600)
+    choose(page, "scale-high", 1800)
+    page.until("pyrovox.flame().look.range.join() === '1600,1800' && !document.getElementById('scale-auto').checked")
+    assert legend()[0] == [1600, 1650, 1700, 1750, 1800], legend()
+    choose(page, "scale-high", 1500)  # none
+    assert page.eval("pyrovox.flame().look.range.join()") == "1600,1800"
+    clicks(page, "scale-auto")
+    page.until("pyrovox.flame().look.range[0] < 1600")
+    # soot
+    assert page.eval("!document.getElementById('soot-row').hidden")
+    clicks(page, "soot")
+    page.until("pyrovox.view.start?.units === 'ppm' && pyrovox.view.set >= 0 && document.getElementById('map-unit').textContent.startsWith('soot, ppm') && pyrovox.flame().look.colours === 'viridis'")
+    page.eval("pyrovox.link.say({play: false, seek: 0})")
+    page.until("pyrovox.view.set === 0")
+    at(box[0] + box[2] / 2, box[1] + box[3] / 2)
+    v, sd, cell, words = value(" ppm")
+    assert abs(v / soot[cell] - 1) < 0.01 and abs(v - 1) < 3 * sd and "most soot along" in words, (words, soot[cell])
+    page.shot(f"{bed.shots}/soot.png")
+    clicks(page, "soot")
+    page.until("pyrovox.view.start?.units === 'K' && pyrovox.view.set >= 0 && document.getElementById('map-unit').textContent.startsWith('temperature, K')")
+    page.size(360, 740, touch=True)
+    page.until("document.documentElement.scrollWidth <= 360")
+    time.sleep(0.5)
+    page.shot(f"{bed.shots}/narrow-kelvin.png")
+    assert not page.troubles(), page.troubles()
+    page.close()
+    # without WebGL2 the largest values
+    base, token = url.split("#")
+    page = browser.page(base + "?flat#" + token)
+    shown(page, url)
+    page.eval("pyrovox.link.say({play: false, seek: 0})")
+    page.until("pyrovox.view.set === 0 && pyrovox.flame().sums.length === 3 && !document.getElementById('legend').hidden")
+    most = page.eval("pyrovox.flame().sums[0].v.reduce((a, b) => Math.max(a, b))")
+    assert abs(most - np.nanmax(temperature)) <= 1, most
+    page.shot(f"{bed.shots}/flat-kelvin.png")
+    page.close()
+    bed.end(bridge)
+
+
 def orders():
     """A page of a bridge with --control records and takes a snapshot; one of a bridge without shows no such buttons."""
     daemon, at = bed.daemon(bed.rig(24), more=f'record:\n  volumes_path: "{bed.dir}/takes/v-%Y"\n  path: "{bed.dir}/takes/r-%Y.h5"\n')
@@ -477,7 +618,7 @@ fetch("http://{at}/main.js").then(() => {{ window.read = "read"; }}, () => {{ wi
 
 
 checks = {"picture-is-the-renderers": golden, "no-ghosts": ghosts, "samples": samples, "context-lost": context_lost, "grey-slices-film": grey,
-          "draws-only-changes": still, "turning": turning, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "error-bars": bars, "orders": orders, "live": live}
+          "draws-only-changes": still, "turning": turning, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "error-bars": bars, "kelvin": kelvin, "orders": orders, "live": live}
 try:
     for name, what in checks.items():
         if only in name:

@@ -89,6 +89,27 @@ export function brightest(v) {
   return Math.max(most(front) * side(1), most(left) * side(0));
 }
 
+// What a volume of one channel has, but for its outliers: {low, high} leave out a 200th at each end; the largest, the mean
+// and the number of the voxels that are not 0.  null: it has none.
+export function span(v) {
+  let n = 0, sum = 0, least = Infinity, most = 0;
+  for (const h of v.half) {
+    const x = HALF[h];
+    if (!(x > 0)) continue;
+    n++;
+    sum += x;
+    if (x < least) least = x;
+    if (x > most) most = x;
+  }
+  if (!n) return null;
+  const BINS = 512, bins = new Uint32Array(BINS), per = most > least ? (BINS - 1) / (most - least) : 0;
+  for (const h of v.half) { const x = HALF[h]; if (x > 0) bins[Math.floor((x - least) * per)]++; }
+  let a = 0, b = BINS - 1;
+  for (let left = n / 200; (left -= bins[a]) > 0;) a++;
+  for (let left = n / 200; (left -= bins[b]) > 0;) b--;
+  return { low: per ? least + a / per : least, high: per ? Math.min(most, least + (b + 1) / per) : most, most, mean: sum / n, n };
+}
+
 // Which blocks of cells need a look, for a shader that walks through them.  The box basis' cells are voxels; the trilinear
 // one's lie between voxel centres, so they reach one further, and into the next block.
 export function cells(g, occupied) {

@@ -2,12 +2,15 @@
 const KEEP = 240;
 
 export class Chart {
-  constructor(parent, name, unit, digits = 1) {
+  // zero: the axis begins at 0, else below the smallest.
+  constructor(parent, name, unit, digits = 1, zero = true) {
     this.clear();
+    this.zero = zero;
     this.unit = unit;
     this.digits = digits;
-    const box = document.createElement("div"), title = document.createElement("span");
+    const box = this.box = document.createElement("div"), title = document.createElement("span");
     box.className = "chart";
+    this.title = title;
     title.textContent = name;
     this.words = document.createElement("b");
     this.canvas = document.createElement("canvas");
@@ -22,24 +25,26 @@ export class Chart {
     if (this.v.length > KEEP) { this.v.shift(); this.t.shift(); }
     this.dirty = true;
   }
+  name(name, unit, digits = this.digits) { this.title.textContent = name; Object.assign(this, { unit, digits, dirty: true }); }
+  show(on) { this.box.hidden = !on; }
   clear() { this.v = []; this.t = []; this.dirty = true; }
   draw() {
-    if (!this.dirty) return;
+    if (!this.dirty || this.box.hidden) return;
     this.dirty = false;
     const k = this.canvas, c = k.getContext("2d"), dpr = Math.min(devicePixelRatio || 1, 2), w = k.clientWidth || 120, h = k.clientHeight || 52;
     k.width = w * dpr;
     k.height = h * dpr;
     c.scale(dpr, dpr);
-    const n = this.v.length, top = Math.max(...this.v, 1e-12), now = this.v[n - 1];
+    const n = this.v.length, top = Math.max(...this.v, 1e-12), least = this.zero ? 0 : Math.floor(0.98 * Math.min(...this.v)), now = this.v[n - 1];
     this.words.textContent = now === undefined ? "–" : `${now.toFixed(this.digits)}${this.unit ? " " + this.unit : ""}`;
     if (!n) return;
     const high = top.toFixed(this.digits), from = this.t[0], span = this.t[n - 1] - from;
     c.font = "11px system-ui, sans-serif";
     c.fillStyle = c.strokeStyle = "#aab4c2";
-    const left = Math.ceil(c.measureText(high).width) + 5, low = h - 14, high_y = 5;
+    const left = Math.ceil(Math.max(c.measureText(high).width, c.measureText(least.toFixed(0)).width)) + 5, low = h - 14, high_y = 5;
     c.textAlign = "right";
     c.fillText(high, left - 4, high_y + 4);
-    c.fillText("0", left - 4, low + 2);
+    c.fillText(n && Number.isFinite(least) ? least.toFixed(0) : "0", left - 4, low + 2);
     c.fillText("0 s", w, h - 1);
     c.textAlign = "left";
     if (span > 0) c.fillText(`−${span.toFixed(span < 10 ? 1 : 0)} s`, left, h - 1);
@@ -54,7 +59,7 @@ export class Chart {
     c.strokeStyle = "#ff9d47";
     c.lineWidth = 1.25;
     c.beginPath();
-    this.v.forEach((x, i) => c[i ? "lineTo" : "moveTo"](left + (span > 0 ? (this.t[i] - from) / span : 1) * (w - left - 1), low - x / top * (low - high_y)));
+    this.v.forEach((x, i) => c[i ? "lineTo" : "moveTo"](left + (span > 0 ? (this.t[i] - from) / span : 1) * (w - left - 1), low - (x - least) / (top - least) * (low - high_y)));
     c.stroke();
   }
 }

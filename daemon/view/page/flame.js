@@ -14,7 +14,8 @@ function build(gl, kind, source) {
   return s;
 }
 
-export const plain = () => ({ exposure: 1, colours: "fire", slices: false, sliceAt: [0.5, 0.5, 0.5], sliceOn: [1, 1, 1], clip: [0, 0, 0, 1, 1, 1] });
+// range: [first, last] of a scale of its own (scale.js); null: light
+export const plain = () => ({ exposure: 1, range: null, colours: "fire", slices: false, sliceAt: [0.5, 0.5, 0.5], sliceOn: [1, 1, 1], clip: [0, 0, 0, 1, 1, 1] });
 
 export class Flame {
   // lost(back): the context went, or is there again and wants the volume anew.
@@ -128,6 +129,8 @@ export class Flame {
     gl.uniform1i(at.slices, k.slices ? 1 : 0);
     gl.uniform1i(at.count, count);
     gl.uniform1f(at.exposure, k.exposure);
+    gl.uniform1i(at.own, k.range ? 1 : 0);
+    gl.uniform2fv(at.range, k.range ? [k.range[0], 1 / (k.range[1] - k.range[0])] : [0, 1]);
     gl.uniform3fv(at.slice_at, k.sliceAt.map((f, a) => (Math.floor(Math.min(f, 0.999999) * g.n[a]) + 0.5) + more));
     gl.uniform3fv(at.slice_on, k.sliceOn);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

@@ -1,4 +1,4 @@
-// Without WebGL2: the sums along the three axes, on an ordinary canvas.
+// Without WebGL2: the sums along the three axes, on an ordinary canvas; of a scale of its own the largest values.
 import { HALF } from "./pvx.js";
 import { plain } from "./flame.js";
 import { srgb, table } from "./colours.js";
@@ -23,7 +23,8 @@ export class Flat {
           const w = Math.min(b.size[0], g.n[0] - b.at[0]) * c, from = b.offset + (z * 8 + y) * b.size[0] * c;
           this.dense.set(v.data.subarray(from, from + w), (((b.at[2] + z) * g.n[1] + b.at[1] + y) * g.n[0] + b.at[0]) * c);
         }
-    const [nx, ny, nz] = g.n;
+    const [nx, ny, nz] = g.n, own = Boolean(this.look.range);
+    const put = (s, p, e, deep) => { s[p] = own ? Math.max(s[p], e) : s[p] + e * deep; };
     this.sums = [[nx, nz], [ny, nz], [nx, ny]].map(([w, h]) => ({ w, h, v: new Float32Array(w * h * 3) }));
     const [front, left, top] = this.sums;
     for (let k = 0, i = 0; k < nz; k++)
@@ -32,9 +33,9 @@ export class Flat {
           for (let q = 0; q < 3; q++) {
             const e = HALF[this.dense[i + (c === 3 ? q : 0)]];
             if (e === 0) continue;
-            front.v[((nz - 1 - k) * nx + x) * 3 + q] += e * side[1];
-            left.v[((nz - 1 - k) * ny + y) * 3 + q] += e * side[0];
-            top.v[((ny - 1 - y) * nx + x) * 3 + q] += e * side[2];
+            put(front.v, ((nz - 1 - k) * nx + x) * 3 + q, e, side[1]);
+            put(left.v, ((nz - 1 - k) * ny + y) * 3 + q, e, side[0]);
+            put(top.v, ((ny - 1 - y) * nx + x) * 3 + q, e, side[2]);
           }
     return true;
   }
@@ -48,6 +49,12 @@ export class Flat {
     this.sums.forEach((s, i) => {
       const image = new ImageData(s.w, s.h), names = ["from the front (-y)", "from the side (+x)", "from above"];
       for (let p = 0; p < s.w * s.h; p++) {
+        const own = this.look.range;
+        if (own) {
+          const x = s.v[3 * p], i = 4 * Math.round(255 * Math.min(1, Math.max(0, (x - own[0]) / (own[1] - own[0]))));
+          image.data.set(x > 0 ? map.subarray(i, i + 4) : [4, 5, 10, 255], 4 * p);
+          continue;
+        }
         const at = grey ? 4 * Math.round(srgb(s.v[3 * p] * this.look.exposure)) : -1;
         for (let q = 0; q < 3; q++) image.data[4 * p + q] = grey ? map[at + q] : srgb(s.v[3 * p + q] * this.look.exposure);
         image.data[4 * p + 3] = 255;

@@ -11,7 +11,8 @@ import { Player } from "./player.js";
 import { Orders } from "./orders.js";
 import { Pointer } from "./pointer.js";
 import { doubts } from "./probe.js";
-import { names, table, srgb8 } from "./colours.js";
+import { names } from "./colours.js";
+import { Legend } from "./legend.js";
 
 const $ = (id) => document.getElementById(id);
 const view = { start: null, set: -1, volumes: 0, exposureAuto: 0 };
@@ -48,6 +49,8 @@ const charts = {
   rate: new Chart($("charts"), "sets a second", "1/s"), latency: new Chart($("charts"), "latency, daemon", "ms"),
   hull: new Chart($("charts"), "visual hull", "voxels", 0), residual: new Chart($("charts"), "residual", "%", 2),
   way: new Chart($("charts"), "published to drawn, median", "ms"),
+  most: new Chart($("charts"), "hottest voxel", "K", 0, false), mean: new Chart($("charts"), "mean of the voxels", "K", 0, false),
+  known: new Chart($("charts"), "voxels that have one", "", 0),
 };
 const cameras = new Cameras($("cameras"), (states) => {
   overlay.states = states;
@@ -90,16 +93,17 @@ function setExposure() {
   $("stops").textContent = `${s >= 0 ? "+" : "−"}${Math.abs(s).toFixed(1)} stops`;
   legend();
 }
-function legend() {
-  const g = view.start?.grid, grey = g?.channels === 1;
-  $("colours-row").hidden = $("legend").hidden = !grey;
-  if (!grey) return;
-  const map = table(flame.look.colours), bar = new ImageData(256, 1); // even in the value; the colours are even in sRGB
-  for (let i = 0; i < 256; i++) bar.data.set(map.subarray(4 * srgb8(i / 255), 4 * srgb8(i / 255) + 4), 4 * i);
-  $("map").getContext("2d").putImageData(bar, 0, 0);
-  const full = 1 / flame.look.exposure, deep = Math.min(...g.max.map((m, a) => m - g.min[a])) * 0.25;
-  $("map-high").textContent = (flame.look.slices ? full / deep : full).toPrecision(3);
-  $("map-unit").textContent = `${$("bars").checked ? "± " : ""}${flame.look.slices ? "1/m" : "pixel value"}`;
+const scaled = new Legend(() => { legend(); change(); });
+function legend() { scaled.show(flame.look, view.start?.grid); }
+// The range of a scale of its own, and its lines; of light the exposure.
+function measure(v) {
+  if (!scaled.own) { autoExposure(v); return; }
+  scaled.follow(v.span);
+  legend();
+  if ($("bars").checked || v.again) return;
+  charts.most.add(v.span?.most);
+  charts.mean.add(v.span?.mean);
+  charts.known.add(v.span?.n ?? 0);
 }
 
 function lostSum() { $("lost-sum").textContent = lost.words(view.words?.volumes_drawn || 0); }
@@ -122,14 +126,14 @@ function take(v) {
 function volume(v) {
   if (v.again) { // it was counted when it came
     take(v);
-    if (v.other) { view.exposureKnown = false; autoExposure(v); }
+    if (v.other) { view.exposureKnown = false; measure(v); }
     change();
     return;
   }
   if (!view.start) { passOver("before the session began"); return; }
   if (!take(v)) { passOver("graphics were away"); return; }
   if (pending !== null) passOver("newer came before it was drawn");
-  autoExposure(v);
+  measure(v);
   view.set = v.set;
   view.volumes++;
   const set = v.set;
@@ -139,11 +143,11 @@ function volume(v) {
   seen.push(now);
   while (seen.length > 40 || now - seen[0] > 4000) seen.shift();
   charts.rate.add(seen.length > 1 ? (seen.length - 1) * 1000 / (now - seen[0]) : NaN);
-  charts.latency.add(v.latency);
+  charts.latency.add(v.latency || NaN);
   charts.hull.add(v.voxels);
   charts.residual.add(100 * v.residual);
   const g = v.grid;
-  $("what").textContent = `${g.n.join("×")}${g.channels === 3 ? " RGB" : ""} · set ${v.set} · ${v.cameras} cameras · ${v.n_bricks} bricks · ${(v.bytes / 1e6).toFixed(2)} MB${$("bars").checked ? " · error bars" : ""}`;
+  $("what").textContent = `${g.n.join("×")}${g.channels === 3 ? " RGB" : scaled.own ? ` ${scaled.units}` : ""} · set ${v.set} · ${v.cameras ? `${v.cameras} cameras · ` : ""}${v.n_bricks} bricks · ${(v.bytes / 1e6).toFixed(2)} MB${$("bars").checked ? " · error bars" : ""}`;
   change();
 }
 
@@ -173,6 +177,13 @@ const link = new Link(token, {
     }
     state("connected, waiting for volumes");
     for (const say of metres) say();
+    scaled.start(m.units, flame.look);
+    charts.hull.show(!scaled.own);
+    charts.residual.show(!scaled.own);
+    for (const k of ["most", "mean", "known"]) charts[k].show(Boolean(scaled.own));
+    charts.most.name(scaled.own?.voxel, m.units, scaled.own?.digits);
+    charts.known.name(scaled.own?.voxels, "");
+    charts.mean.name("mean of the voxels", m.units, scaled.own?.digits);
     legend();
     change();
   },
@@ -206,6 +217,8 @@ const link = new Link(token, {
   words: (m) => {
     if (m.rig) { overlay.rig = m.rig.cameras; change(); }
     if (m.film) player.film(m.film);
+    $("soot-row").hidden = m.film?.soot === undefined;
+    if (m.film?.soot !== undefined) $("soot").checked = m.film.soot;
     if (m.orders) orders.words(m.orders);
     verdict(ended || (m.link?.silent_s ?? 0) >= 3 ? "" : m.verdict || "");
     if (!m.link) return;
@@ -270,8 +283,9 @@ for (const n of names) $("colours").append(new Option(n, n, n === "fire", n === 
 const on = (id, what) => { $(id).addEventListener("input", what); };
 on("exposure", () => { $("auto").checked = false; setExposure(); change(); });
 on("auto", () => { if ($("auto").checked && view.exposureKnown) { $("exposure").value = view.exposureAuto; setExposure(); change(); } });
-on("colours", () => { flame.look.colours = $("colours").value; legend(); change(); });
-on("bars", () => { wantBars(); link.show($("bars").checked ? "bars" : "flame"); legend(); change(); });
+on("colours", () => { scaled.chosen = true; flame.look.colours = $("colours").value; legend(); change(); });
+on("bars", () => { wantBars(); link.show($("bars").checked ? "bars" : "flame"); scaled.again($("bars").checked); legend(); change(); });
+on("soot", () => link.say({ soot: $("soot").checked }));
 on("box", () => { overlay.show.box = $("box").checked; change(); });
 on("frusta", () => { overlay.show.cameras = $("frusta").checked; change(); });
 overlay.show.cameras = $("frusta").checked;
@@ -306,9 +320,18 @@ panel.addEventListener("toggle", () => link.say({ previews: panel.open }));
 
 function turn() { orbit.spin(!orbit.turning, true); }
 function fullScreen() { if (document.fullscreenElement) document.exitFullscreen(); else $("stage").requestFullscreen?.(); }
+// What is saved: a scale of its own needs its colour bar.
+function picture() {
+  const from = $("flame");
+  if (!scaled.own) return from;
+  const to = Object.assign(document.createElement("canvas"), { width: from.width, height: from.height }), c = to.getContext("2d");
+  c.drawImage(from, 0, 0);
+  scaled.paint(c, flame.look, from.width / from.clientWidth);
+  return to;
+}
 function shot() {
   flame.draw(orbit.frame(), orbit.fov, true, () => {
-    $("flame").toBlob((b) => {
+    picture().toBlob((b) => {
       const a = document.createElement("a");
       a.href = URL.createObjectURL(b);
       a.download = `pyrovox-${view.set}.png`;
@@ -336,7 +359,7 @@ setExposure();
 
 // For tests: the state, and pictures from a given place.
 window.pyrovox = {
-  view, orbit, flame: () => flame, link, lost, overlay, pointer,
+  view, orbit, saved: picture, scaled, flame: () => flame, link, lost, overlay, pointer,
   picture(w, h, eye, target, fov, exposure, colours = "grey", count = 0) {
     const was = { ...flame.look };
     Object.assign(flame.look, { exposure, colours, slices: false, clip: [0, 0, 0, 1, 1, 1] });

@@ -1,6 +1,7 @@
 // The value under the pointer, with its error bar: the worker has the volume and is asked (probe.js), one question at a time.
 import { unit } from "./orbit.js";
 import { figure } from "./probe.js";
+import { quantity } from "./scale.js";
 
 export class Pointer {
   // ask: {link, over(), look() -> {frame, fov, look, grid, units} or null where nothing can be asked}
@@ -31,7 +32,7 @@ export class Pointer {
     const x = (2 * px / w - 1) * tan * w / h, y = (1 - 2 * py / h) * tan;
     const d = unit(f.forward.map((v, a) => v + x * f.right[a] + y * f.up[a])), deep = Math.min(...g.max.map((m, a) => m - g.min[a])) * 0.25;
     this.waiting = true;
-    this.ask.link.probe({ at: [px, py], eye: f.eye, d, slices: k.slices, sliceAt: k.sliceAt, clip: k.clip, dark: 0.002 / (deep * k.exposure) });
+    this.ask.link.probe({ at: [px, py], eye: f.eye, d, slices: k.slices, sliceAt: k.sliceAt, clip: k.clip, dark: k.range ? 0 : 0.002 / (deep * k.exposure) });
   }
   answer(m) {
     this.waiting = false;
@@ -41,7 +42,7 @@ export class Pointer {
     if (this.label.hidden) return;
     const names = m.values.length === 3 ? ["red ", "green ", "blue "] : [""], small = document.createElement("small");
     this.label.textContent = m.values.map((v, c) => `${names[c]}${figure(v, m.sd?.[c])} ${now.units}`).join("\n");
-    small.textContent = `${m.slice ? "in the slice" : `${m.bars ? "largest bar" : "brightest"} along this line of sight`}\n` +
+    small.textContent = `${m.slice ? "in the slice" : `${m.bars ? "largest bar" : quantity(now.units)?.most ?? "brightest"} along this line of sight`}\n` +
       `${m.where.map((x, a) => `${"xyz"[a]} ${x.toFixed(3)}`).join(", ")} m${m.sd ? "" : "\nno error bar"}`;
     this.label.append(small);
     const [px, py, w, h] = m.at.concat(this.at.slice(2)), wide = this.label.offsetWidth, tall = this.label.offsetHeight;

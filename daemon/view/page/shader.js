@@ -14,8 +14,9 @@ uniform vec3 metres;                       // sides of a cell
 uniform vec3 lo, hi;                       // of what is shown, cells
 uniform vec3 grid;                         // voxels
 uniform ivec3 macros;
-uniform int trilinear, grey, slices, count;
+uniform int trilinear, grey, slices, count, own; // own: a scale of its own (scale.js)
 uniform float exposure;
+uniform vec2 range;                        // of that scale: the value of the first colour, 1 / what is between first and last
 uniform vec3 slice_at, slice_on;           // cells
 in vec2 at;
 out vec4 colour;
@@ -38,7 +39,11 @@ vec3 walk(vec3 o, vec3 d, vec3 inv, float t0, float t1, ivec3 m) {
   float a = t0;
   for (int i = 0; i < 14; i++) {
     float b = min(least(next), t1);
-    if (b > a) { sum += (b - a) * value(ivec3(c), o, d, a, b); a = b; }
+    if (b > a) {
+      vec3 v = value(ivec3(c), o, d, a, b);
+      sum = own == 1 ? max(sum, v) : sum + (b - a) * v;
+      a = b;
+    }
     if (b >= t1) break;
     vec3 cross = vec3(lessThanEqual(next, vec3(b)));
     c += cross * (2.0 * s - 1.0);
@@ -58,7 +63,7 @@ vec3 integral(vec3 o, vec3 d) {
   for (int i = 0; i < 800 && t < end; i++) {
     ivec3 m = clamp(ivec3(floor((o + d * (t + e)) / 4.0)), ivec3(0), macros - 1);
     float far = min(least((4.0 * (vec3(m) + s) - o) * inv), end);
-    if (texelFetch(cells, m, 0).r > 0.0) sum += walk(o, d, inv, t, far, m);
+    if (texelFetch(cells, m, 0).r > 0.0) { vec3 v = walk(o, d, inv, t, far, m); sum = own == 1 ? max(sum, v) : sum + v; }
     t = max(far, t + e);
   }
   return sum;
@@ -90,11 +95,16 @@ void main() {
   d /= length(d * metres);                 // t is metres
   if (slices == 1) {
     float deep = least(grid * metres) * 0.25; // a slice is as bright as a quarter of the box of that
-    float panes = slice(eye, d, 0.002 / (deep * exposure), v);
+    float panes = slice(eye, d, own == 1 ? 0.0 : 0.002 / (deep * exposure), v);
     if (v == vec3(0)) { colour = vec4(vec3(0.016, 0.02, 0.027) + panes * vec3(0.02, 0.023, 0.027), 1.0); return; }
-    v *= deep;
+    if (own == 0) v *= deep;
   } else v = integral(eye, d);
   if (count == 1) { colour = vec4(float(samples) / 1024.0, 0, 0, 1); return; }
+  if (own == 1) {
+    float at = clamp((v.r - range.x) * range.y, 0.0, 1.0) * 255.0;
+    colour = vec4(v.r > 0.0 ? texture(colours, vec2((at + 0.5) / 256.0, 0.5)).rgb : vec3(0.016, 0.02, 0.027), 1.0);
+    return;
+  }
   v *= exposure;
   colour = vec4(grey == 1 ? texture(colours, vec2((srgb(clamp(v.rrr, 0.0, 1.0)).r * 255.0 + 0.5) / 256.0, 0.5)).rgb : srgb(clamp(v, 0.0, 1.0)), 1.0);
 }`;

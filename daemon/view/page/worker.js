@@ -1,7 +1,8 @@
 // The connection and the decoder, away from the thread that draws.  Every message from the bridge is read here; of a
 // volume only what the texture needs goes on.
 import { read, Malformed } from "./pvx.js";
-import { Bricks, brightest, cells } from "./bricks.js";
+import { Bricks, brightest, cells, span } from "./bricks.js";
+import { quantity } from "./scale.js";
 import { Probe } from "./probe.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
@@ -10,6 +11,7 @@ let socket = null, url = "", token = "", tries = 0, session = "", most = 1 << 30
 let events = new Set(); // that were seen, by session and sequence: a bridge tells the last ones to whoever comes
 let wants = { hidden: false, previews: false, bars: false };
 const bricks = new Bricks();
+let units = "1/m";
 let volume = null, bars = null, showBars = false; // the newest, and its error bars as far as they have come
 
 function say(o) {
@@ -26,7 +28,8 @@ function shown(v) {
 }
 function texture(v, whole) {
   const t = whole || bricks.take(v), c = cells(v.grid, t.occupied), { half, ids, mask, ...about } = v;
-  postMessage({ ...about, n_bricks: ids.length, bright: brightest(v), mask: mask.toString(), boxes: t.boxes, data: t.data, cells: c.out, cells_n: c.n },
+  const own = quantity(units) !== null;
+  postMessage({ ...about, n_bricks: ids.length, bright: own ? 0 : brightest(v), span: own ? span(v) : null, mask: mask.toString(), boxes: t.boxes, data: t.data, cells: c.out, cells_n: c.n },
     [t.data.buffer, c.out.buffer]);
 }
 
@@ -39,6 +42,7 @@ function message(buffer) {
     volume = bars = null;
     postMessage({ kind: "session", session });
   }
+  if (m.kind === "start") units = m.units;
   if (m.kind === "event") {
     const id = `${m.session} ${m.sequence}`;
     if (events.has(id)) return;
