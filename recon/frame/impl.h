@@ -44,6 +44,12 @@ struct rec_systems {
     rec_levels *levels; /* with solver->coarse */
 };
 
+struct rec_kept {
+    rec_problem *problem;
+    float *expect; /* [voxels][cs] a copy of the prediction */
+    size_t bytes;
+};
+
 struct rec_frame {
     rec_carver *carver;
     rec_solver *solver;
@@ -69,8 +75,15 @@ struct rec_frame {
     rec_systems *own, *systems; /* of rec_frame_new; those it has now.  Each may be NULL */
     struct rec_subsys *sub;     /* the members of `systems`, or NULL */
     rec_levels *levels;
+    rec_kept *kept; /* or NULL */
     struct rec_frame_report report;
 };
+
+/* The problem that the frame was solved with. */
+static inline rec_problem *rec_frame_problem(const rec_frame *f)
+{
+    return f->kept != NULL ? f->kept->problem : f->solver->problem;
+}
 
 /* Whether the camera's pixels come from a Bayer filter; whether they are also unchanged. */
 static inline bool rec_frame_is_bayer(const rec_frame *f, size_t c)

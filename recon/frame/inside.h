@@ -28,6 +28,17 @@ PVX_MUST_CHECK pvx_err rec_frame_new_bare(rec_carver *k, rec_solver *s, rec_fram
 void rec_frame_lend(rec_frame *f, rec_systems *y);
 rec_systems *rec_frame_give_back(rec_frame *f); /* NULL: it has none */
 
+/* A solved frame that will be solved again (running.h) while its solver goes on with other frames keeps the problem
+ * that was solved: the solver takes the kept one's in exchange, and the frame's loops run on `pool`, or NULL, from then
+ * on.  Costs a copy of the prediction where there is one, else nothing.  Call on the solve stage's thread, after the
+ * solve.  The frame keeps its systems until it is released; then it has the solver's problem and pool again.
+ * Errors: PVX_ENOMEM.  Owner: caller. */
+typedef struct rec_kept rec_kept;
+PVX_MUST_CHECK pvx_err rec_kept_new(const rec_sysmat *S, int nch, rec_kept **out);
+void rec_kept_free(rec_kept **k);
+void rec_frame_keep(rec_frame *f, rec_kept *k, pvx_pool *pool);
+rec_kept *rec_frame_release(rec_frame *f); /* NULL: it was not kept */
+
 /* Restricted system and right-hand side of the carved frame.  A camera that was voted out has its
  * right-hand side and weight 0. */
 const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
