@@ -609,6 +609,17 @@ pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out, stru
                     c->name, solvers[0]);
 }
 
+pvx_err dmn_config_bars(const struct dmn_config *c, struct pvx_diag *d)
+{
+    const char *const *solvers = rec_solver_names();
+    if (!c->error_bars || rec_solver_is_default(solvers[c->solver]))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EINVAL,
+                    "%s: model.error_bars: solver.name: %s cannot make them; say %s, or "
+                    "error_bars: false",
+                    c->name, solvers[c->solver], solvers[0]);
+}
+
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)
 {
     static const enum rec_stop stops[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,

@@ -72,6 +72,7 @@ struct dmn_config {
 
     double absorption;
     int saturated; /* 0 left out, 1 at least */
+    int error_bars;
 
     int trust; /* 0 vote, 1 all */
 
@@ -146,6 +147,8 @@ bool dmn_choose_mosaic(int bayer, const char *solver, int channels, enum cap_mos
 /* The same for c.  PVX_EINVAL: rays are asked for, but cannot be used with the solver or the channels. */
 PVX_MUST_CHECK pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out,
                                          struct pvx_diag *d);
+/* PVX_EINVAL: error bars are asked for, but cannot be made with the solver. */
+PVX_MUST_CHECK pvx_err dmn_config_bars(const struct dmn_config *c, struct pvx_diag *d);
 /* The parameters of recon for each frame set. */
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
 /* Solver's time limit after the arrival of the set's last frame (lossless: after it began), ns; 0 = none. */

@@ -191,6 +191,11 @@ const struct dmn_option dmn_options[] = {
            "Correct gain and aim (on), or gain alone, of the cameras in the solve, where the "
            "pictures show beyond chance that they are off. Only pcg does this, with four cameras "
            "or more."),
+    BOOL("model.error_bars", error_bars, "false",
+         "Send error bars with the volumes. After a set was published its solve is repeated once, "
+         "at "
+         "low priority and only if there is time. The bars of a volume come from the sets before "
+         "it. Lossless: each set is solved 16 times more. Only pcg does this."),
 
     CHOICE("solver.name", solver, "pcg", &(REC_SOLVERS(ONE_MORE))[1],
            "Method of solution. All but pcg are for comparison."),

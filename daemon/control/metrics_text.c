@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "daemon/control/metrics.h"
+#include "proto/pvp.h"
 
 static void family(FILE *f, const char *name, const char *type, const char *help)
 {
@@ -67,6 +68,21 @@ static void drops(FILE *f, const struct dmn_state *s)
         cause(f, "sets_dropped_total", dmn_drop_defs[i].name, s->dropped[i]);
     cause(f, "sets_dropped_total", "incomplete", s->capture.sets_failed);
     cause(f, "sets_dropped_total", "displaced", s->capture.sets_dropped);
+}
+
+static void draws(FILE *f, const struct dmn_draws_state *b)
+{
+    if (!b->on)
+        return;
+    counter(f, "error_bars_solves_total", "sets that were solved once more for the error bars",
+            b->made);
+    family(f, "error_bars_left_out_total", "counter",
+           "sets that were not, by cause (`pyrovox status` explains each)");
+    for (int i = 0; i < DMN_N_LEFT_OUT; i++)
+        cause(f, "error_bars_left_out_total", dmn_left_out_defs[i].name, b->left_out[i]);
+    gauge(f, "error_bars_sent", "1: the last volume had error bars", !b->none);
+    gauge(f, "error_bars_late", "1: too few solves were in them",
+          !b->none && (b->doubt & PVP_DOUBT_LATE) != 0);
 }
 
 static void camera_count(FILE *f, const struct dmn_state *s, const struct dmn_count_def *def,
@@ -206,6 +222,7 @@ char *dmn_metrics_text(const struct dmn_state *s)
     counter(f, "sets_produced_total", "frame sets that the cameras gave", s->produced);
     counter(f, "sets_published_total", "volumes that went out", s->published);
     drops(f, s);
+    draws(f, &s->draws);
     gauge(f, "sets_inside", "frame sets under way", (double)s->inside);
     gauge(f, "sets_per_second", "published, over the last second or two", s->sets_per_s);
     latency(f, s);

@@ -4,10 +4,12 @@
 
 #include "daemon/control/json.h"
 #include "daemon/control/state_sync.h"
+#include "proto/pvp.h"
 
 #define ROW(number, ...) [number] = {__VA_ARGS__},
 const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {DMN_DROPS(ROW)};
 const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {DMN_IMAGE_FAULTS(ROW)};
+const struct dmn_count_def dmn_left_out_defs[DMN_N_LEFT_OUT] = {DMN_LEFT_OUTS(ROW)};
 
 const char *dmn_camera_state_name(enum cap_state s)
 {
@@ -67,6 +69,28 @@ static void json_sets(struct dmn_json *j, const struct dmn_state *s)
                 "the queue to the pipeline was full: newer ones took their place",
                 s->capture.sets_dropped);
     dmn_json_close(j, ']');
+}
+
+static void json_draws(struct dmn_json *j, const struct dmn_draws_state *b)
+{
+    if (!b->on)
+        return;
+    dmn_json_open(j, "error_bars", '{');
+    dmn_json_bool(j, "sent", !b->none);
+    dmn_json_open(j, "doubts", '[');
+    for (unsigned i = 0; pvp_doubt_name(i) != NULL; i++)
+        if ((b->doubt >> i & 1) != 0)
+            dmn_json_str(j, NULL, pvp_doubt_name(i));
+    dmn_json_close(j, ']');
+    dmn_json_int(j, "in_average", b->in_average);
+    dmn_json_int(j, "solves", (long long)b->made);
+    dmn_json_num(j, "mean_ms", b->mean_ms);
+    dmn_json_open(j, "left_out", '[');
+    for (int i = 0; i < DMN_N_LEFT_OUT; i++)
+        state_count(j, dmn_left_out_defs[i].name, dmn_left_out_defs[i].unit,
+                    dmn_left_out_defs[i].help, b->left_out[i]);
+    dmn_json_close(j, ']');
+    dmn_json_close(j, '}');
 }
 
 static void json_report(struct dmn_json *j, const struct dmn_state *s)
@@ -312,6 +336,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_num(&j, "p99", s->spread_p99_ms);
     dmn_json_close(&j, '}');
     json_report(&j, s);
+    json_draws(&j, &s->draws);
     dmn_json_open(&j, "matrix", '{');
     dmn_json_open(&j, "voxels", '[');
     for (int a = 0; a < 3; a++)

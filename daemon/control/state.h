@@ -59,6 +59,22 @@ struct dmn_rig_state {
     double px[2];           /* shift of its pictures from where others see the flame: right, down */
 };
 
+/* The solves for live error bars (daemon/pipeline/draws.h), and why a set had none. */
+#define DMN_LEFT_OUTS(M)                                                                           \
+    M(DMN_LEFT_OUT_TIME, "no_time", "sets", "the live path had no time to spare")                  \
+    M(DMN_LEFT_OUT_SHARE, "share", "sets", "they would take over 0.8 of the other processor time") \
+    M(DMN_LEFT_OUT_BUSY, "busy", "sets", "the set before was still being solved once more")        \
+    M(DMN_LEFT_OUT_VOID, "void", "sets", "dark, not published, or settings or cameras had changed")
+enum dmn_left_out { DMN_LEFT_OUTS(DMN_NUMBER) DMN_N_LEFT_OUT };
+extern const struct dmn_count_def dmn_left_out_defs[DMN_N_LEFT_OUT];
+struct dmn_draws_state {
+    bool on, none;  /* none: the last volume had no bars */
+    uint32_t doubt; /* enum rec_bars_*, of the last volume's */
+    uint64_t made, left_out[DMN_N_LEFT_OUT];
+    uint32_t in_average; /* since the average began */
+    double mean_ms;
+};
+
 #define DMN_N_STAGES 3 /* carve, solve, publish */
 struct dmn_stage_state {
     char name[16];
@@ -126,6 +142,7 @@ struct dmn_state {
     struct dmn_triggers_state triggers;
     struct dmn_beside_state volumes;
     struct dmn_stage_state stage[DMN_N_STAGES];
+    struct dmn_draws_state draws;
     uint64_t previews_made, previews_subscribers;
     struct dmn_temperature_counts {
         bool on;

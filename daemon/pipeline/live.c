@@ -90,6 +90,7 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     const struct dmn_config *c = &l->cfg;
     enum cap_mosaic mosaic;
     PVX_TRY(dmn_config_mosaic(c, &mosaic, d));
+    PVX_TRY(dmn_config_bars(c, d));
     char path[PATH_MAX];
     PVX_TRY(dmn_config_rig(c, &l->rig, d));
     dmn_config_path(c, c->rig, path, sizeof path);
@@ -206,6 +207,9 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
                                      .pool = l->pool,
                                      .lossless = c->lossless,
                                      .warm = t.warm,
+                                     .bars = c->error_bars && c->lossless ? REC_BARS_USUAL : 0,
+                                     .draws = c->error_bars && !c->lossless,
+                                     .period_ns = (int64_t)(1 / c->fps * (double)PVX_NS_PER_S),
                                      .waiting = waiting(c, &t),
                                      .deadline = {.limit_ns = t.limit_ns, .period_ns = t.period_ns},
                                      .source = dmn_cameras_source(&l->in),
@@ -350,6 +354,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     }
     out->session = l->out.start.session;
     dmn_pipeline_counts(l->pipeline, out);
+    dmn_pipeline_draws(l->pipeline, &out->draws);
     dmn_publish_state(&l->out, out);
     cap_capture_stats(l->capture, &out->capture);
     dmn_recording_stats(l->recording, &out->record);

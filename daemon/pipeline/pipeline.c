@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/queue.h"
+#include "daemon/pipeline/draws.h"
 #include "daemon/pipeline/stage.h"
 #include "recon/frame/inside.h"
 
@@ -18,9 +19,10 @@ struct dmn_pipeline {
     struct dmn_pipeline_params a;
     rec_carver *carver; /* the carve stage's work areas */
     rec_solver *solver; /* the solve stage's */
-    struct dmn_slot slot[DMN_N_SLOTS];
-    rec_systems *systems[DMN_N_SYSTEMS];
+    struct dmn_slot slot[DMN_N_SLOTS + DMN_N_AGAIN];
+    rec_systems *systems[DMN_N_SYSTEMS + DMN_N_AGAIN];
     rec_bars *bars[DMN_N_SLOTS]; /* of each slot's volume; NULL: none are wanted */
+    dmn_draws *draws;            /* or NULL */
     pvx_queue *idle, *idle_systems, *to_solve, *to_sink;
     struct dmn_stage stage[DMN_N_STAGES];
     _Atomic int64_t waited_ns; /* by the solver, for a set, after its first */
@@ -58,8 +60,10 @@ static bool newer_tuning(dmn_pipeline *p, unsigned *has, struct dmn_tuning *out)
 static void tune_carve(dmn_pipeline *p)
 {
     struct dmn_tuning t;
-    if (newer_tuning(p, &p->carve_has, &t))
-        rec_carver_tune(p->carver, &t.photo);
+    if (!newer_tuning(p, &p->carve_has, &t))
+        return;
+    rec_carver_tune(p->carver, &t.photo);
+    dmn_draws_outdate(p->draws);
 }
 
 static void tune_solve(dmn_pipeline *p)
@@ -97,6 +101,7 @@ static void give_systems_back(dmn_pipeline *p, struct dmn_slot *s)
 static void pipeline_give_back(dmn_pipeline *p, struct dmn_slot *s)
 {
     void *gone;
+    dmn_draws_cancel(p->draws, s);
     give_systems_back(p, s);
     rec_frame_reset(s->frame);
     pvx_queue_put(p->idle, s, &gone);
@@ -174,6 +179,7 @@ static bool carve(void *ctx)
     if (s->why == DMN_N_DROP) {
         tune_carve(p);
         rec_frame_carve(s->frame);
+        dmn_draws_carved(p->draws, s);
         if (p->a.carved != NULL)
             p->a.carved(p->a.carved_ctx, s);
         pvx_hist_add(&p->stage[CARVE].busy, pvx_now_mono() - t0 + s->bin_ns);
@@ -224,6 +230,18 @@ static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
     pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);
 }
 
+/* Whether the set, which was solved, is solved once more after it went out. */
+static bool pipeline_again(dmn_pipeline *p, struct dmn_slot *s)
+{
+    const struct dmn_draws_load load = {.waiting = pvx_queue_length(p->to_solve) > 0,
+                                        .dropped = atomic_load(&p->dropped[DMN_DROP_STALE]) +
+                                                   atomic_load(&p->dropped[DMN_DROP_SOLVE]) +
+                                                   atomic_load(&p->dropped[DMN_DROP_PUBLISH]),
+                                        .waited_ns = atomic_load(&p->waited_ns),
+                                        .now_ns = pvx_now_mono()};
+    return dmn_draws_offer(p->draws, s, &load);
+}
+
 static bool pipeline_solve(void *ctx)
 {
     dmn_pipeline *p = ctx;
@@ -242,12 +260,19 @@ static bool pipeline_solve(void *ctx)
     p->solved = true;
     if (s->why == DMN_N_DROP)
         solve_slot(p, s);
-    give_systems_back(p, s);
+    if (s->why != DMN_N_DROP || !pipeline_again(p, s))
+        give_systems_back(p, s);
     hand_on(p, p->to_sink, s, DMN_DROP_PUBLISH);
     return true;
 }
 
 /* ---- sink ---- */
+
+/* Called by the thread that solves sets once more. */
+static void pipeline_done_again(void *ctx, struct dmn_slot *s)
+{
+    pipeline_give_back(ctx, s);
+}
 
 static bool sink(void *ctx)
 {
@@ -258,10 +283,15 @@ static bool sink(void *ctx)
     if (e == PVX_OK) {
         struct dmn_slot *s = item;
         int64_t t0 = pvx_now_mono();
+        if (s->why == DMN_N_DROP)
+            dmn_draws_bars(p->draws, s);
         if (to->put(to->ctx, s)) {
             pvx_hist_add(&p->stage[SINK].busy, pvx_now_mono() - t0);
             atomic_fetch_add(&p->out, 1);
-            pipeline_give_back(p, s);
+            if (s->again)
+                dmn_draws_take(p->draws, s);
+            else
+                pipeline_give_back(p, s);
         } else {
             pipeline_drop(p, s, s->why == DMN_N_DROP ? DMN_DROP_FAILED : s->why);
         }
@@ -278,10 +308,10 @@ static bool sink(void *ctx)
 static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
 {
     const struct dmn_pipeline_params *a = &p->a;
-    size_t waiting = a->waiting < 1 ? 1 : a->waiting,
-           slots = DMN_N_SLOTS - DMN_WAITING_MAX + waiting;
-    PVX_TRY(pvx_queue_new(DMN_N_SLOTS, &p->idle));
-    PVX_TRY(pvx_queue_new(DMN_N_SYSTEMS, &p->idle_systems));
+    size_t waiting = a->waiting < 1 ? 1 : a->waiting, again = a->draws ? DMN_N_AGAIN : 0,
+           slots = DMN_N_SLOTS - DMN_WAITING_MAX + waiting + again;
+    PVX_TRY(pvx_queue_new(DMN_N_SLOTS + DMN_N_AGAIN, &p->idle));
+    PVX_TRY(pvx_queue_new(DMN_N_SYSTEMS + DMN_N_AGAIN, &p->idle_systems));
     PVX_TRY(pvx_queue_new(waiting, &p->to_solve));
     PVX_TRY(pvx_queue_new(1, &p->to_sink));
     PVX_TRY(rec_carver_new(a->S, a->rig, &a->frame, a->pool, &p->carver, d));
@@ -295,7 +325,9 @@ static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
             PVX_TRY(rec_bars_new(a->S, a->frame.nch, a->bars, &p->bars[i], d));
         pipeline_give_back(p, &p->slot[i]);
     }
-    for (size_t i = 0; i < (a->lossless ? DMN_N_SYSTEMS_LOSSLESS : 2 + waiting); i++) {
+    if (a->draws)
+        PVX_TRY(dmn_draws_new(a, pipeline_done_again, p, &p->draws, d));
+    for (size_t i = 0; i < (a->lossless ? DMN_N_SYSTEMS_LOSSLESS : 2 + waiting + again); i++) {
         void *gone;
         PVX_TRY(rec_systems_new(p->carver, p->solver, &p->systems[i]));
         pvx_queue_put(p->idle_systems, p->systems[i], &gone);
@@ -326,11 +358,13 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
 void dmn_pipeline_background(dmn_pipeline *p, size_t camera, float **bg)
 {
     rec_carver_exchange_background(p->carver, camera, bg);
+    dmn_draws_outdate(p->draws);
 }
 
 pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
 {
-    pvx_err e = dmn_stage_start(&p->stage[SINK], p->a.sink.name, sink, p);
+    pvx_err e = p->draws != NULL ? dmn_draws_start(p->draws) : PVX_OK;
+    PVX_THEN(e, dmn_stage_start(&p->stage[SINK], p->a.sink.name, sink, p));
     PVX_THEN(e, dmn_stage_start(&p->stage[SOLVE], "solve", pipeline_solve, p));
     PVX_THEN(e, dmn_stage_start(&p->stage[CARVE], "carve", carve, p));
     return e == PVX_OK ? e : pvx_fail(d, e, "no thread to be had for a stage of the pipeline");
@@ -350,6 +384,7 @@ void dmn_pipeline_join(dmn_pipeline *p)
         pvx_queue_close(p->to_sink);
     for (int i = 0; i < DMN_N_STAGES; i++)
         dmn_stage_join(&p->stage[i]);
+    dmn_draws_join(p->draws);
 }
 
 void dmn_pipeline_free(dmn_pipeline **pp)
@@ -357,11 +392,12 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     dmn_pipeline *p = *pp;
     if (p == NULL)
         return;
-    for (size_t i = 0; i < DMN_N_SLOTS; i++) {
+    for (size_t i = 0; i < DMN_N_SLOTS + DMN_N_AGAIN; i++)
         rec_frame_free(&p->slot[i].frame);
+    for (size_t i = 0; i < DMN_N_SLOTS; i++)
         rec_bars_free(&p->bars[i]);
-    }
-    for (size_t i = 0; i < DMN_N_SYSTEMS; i++)
+    dmn_draws_free(&p->draws);
+    for (size_t i = 0; i < DMN_N_SYSTEMS + DMN_N_AGAIN; i++)
         rec_systems_free(&p->systems[i]);
     rec_carver_free(&p->carver);
     rec_solver_free(&p->solver);
@@ -408,6 +444,11 @@ void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out)
     out->inside = out->produced - gone;
     for (int i = 0; i < DMN_N_STAGES; i++)
         stage_state(&p->stage[i], name[i], in[i], &out->stage[i]);
+}
+
+void dmn_pipeline_draws(dmn_pipeline *p, struct dmn_draws_state *out)
+{
+    dmn_draws_state(p->draws, out);
 }
 
 int64_t dmn_pipeline_waited_ns(dmn_pipeline *p)

@@ -32,6 +32,8 @@
  * none but the next waits: it is carved while this one is solved. */
 #define DMN_N_SYSTEMS          (2 + DMN_WAITING_MAX)
 #define DMN_N_SYSTEMS_LOSSLESS 2
+/* One more of each with live error bars, for the set that is solved once more (draws.h). */
+#define DMN_N_AGAIN 1
 
 /* One frame set on its way; the stage that holds the pointer owns it. */
 struct dmn_slot {
@@ -46,6 +48,8 @@ struct dmn_slot {
     enum dmn_drop why;         /* DMN_N_DROP, or why there is no volume of it */
     struct pvx_diag problem;   /* the first problem of its images, "" = none */
     struct rec_bars_view bars; /* error bars of its volume; sd NULL: none */
+    bool again;                /* it will be solved once more (draws.h), */
+    unsigned age;              /* by settings of this age */
 };
 
 /* Where sets come from; called by the carve stage. */
@@ -74,8 +78,10 @@ struct dmn_pipeline_params { /* all pointers borrowed */
     rec_average *average; /* corrections of the cameras for all sets; NULL: each set by itself */
     float *const *background; /* [cameras] as for rec_carver_background, copied; or NULL */
     bool lossless, warm;      /* warm: a solve starts from the volume before */
-    uint32_t bars;            /* solves for the error bars of each volume; 0: none */
-    size_t waiting;           /* sets before the solver, 1..DMN_WAITING_MAX; 0 is 1 */
+    uint32_t bars; /* solves for the error bars of each volume, by the solve stage; 0: none */
+    bool draws;    /* error bars by draws.h; not with lossless, and only by the default solver */
+    int64_t period_ns; /* of the sets, for draws */
+    size_t waiting;    /* sets before the solver, 1..DMN_WAITING_MAX; 0 is 1 */
     struct dmn_deadline
         deadline; /* counts from the set's last frame; lossless, from the solve's begin */
     struct dmn_source source;
@@ -113,6 +119,8 @@ void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t);
 
 /* Fills produced, published, inside, dropped and the stages of out. */
 void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);
+/* Of the solves for live error bars. */
+void dmn_pipeline_draws(dmn_pipeline *p, struct dmn_draws_state *out);
 /* How long the solver has waited for sets, since its first. */
 int64_t dmn_pipeline_waited_ns(dmn_pipeline *p);
 /* Longest time since a stage's last heartbeat, ns. */

@@ -42,6 +42,22 @@ static void say_event(void *ctx, const char *json)
         LOG_EVERY(PVX_LOG_WARN, PROTO, "event not published: %s", pvx_strerror(e));
 }
 
+/* The error bars of the volume that is published next, if it has any.  Without them it goes out all the same. */
+static void publish_bars(struct dmn_publish *p, const struct dmn_slot *s,
+                         const struct pvp_volume *m)
+{
+    struct pvp_voxels sd;
+    uint32_t doubt;
+    if (!dmn_wire_bars(s, &sd, &doubt))
+        return;
+    pvx_err e = pvp_pub_bars(p->pub, m, doubt, &sd, NULL);
+    if (e != PVX_OK)
+        LOG_EVERY_ABOUT(PVX_LOG_ERROR, PROTO,
+                        ABOUT(.cause = "not_published", .of_set = true, .set = s->set),
+                        "error bars of set %llu cannot be published: %s",
+                        (unsigned long long)s->set, pvx_strerror(e));
+}
+
 static bool publish_put(void *ctx, const struct dmn_slot *s)
 {
     struct dmn_publish *p = ctx;
@@ -54,13 +70,14 @@ static bool publish_put(void *ctx, const struct dmn_slot *s)
     rec_frame_volume(s->frame, &v);
     dmn_triggers_look(p->triggers, &v, s->set, s->t_exposure_ns);
     dmn_triggers_events(p->triggers, &(struct dmn_events_listener){say_event, p});
-    int64_t t0 = pvx_now_mono();
     dmn_wire_volume(s, &p->start.grid, &m, &x);
+    pvp_pub_compress(p->pub, (enum pvp_compress)atomic_load(&p->compress));
+    publish_bars(p, s, &m);
+    int64_t t0 = pvx_now_mono();
     m.session = p->start.session;
     m.t_publish_ns = pvx_now_real();
     m.latency_ns = t0 - s->t_last_mono_ns;
     size_t bytes = 0;
-    pvp_pub_compress(p->pub, (enum pvp_compress)atomic_load(&p->compress));
     pvx_err e = pvp_pub_volume(p->pub, &m, &x, &bytes);
     int64_t t1 = pvx_now_mono();
     if (e != PVX_OK) {

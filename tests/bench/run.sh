@@ -51,6 +51,7 @@ figure5() { # the paper's: 100 frames of 7 cameras, 640x480 in bins of 2x2, five
     run figure5 figure5
     run highspeed bash tests/bench/highspeed.sh "$b"
     run live live # end to end, with simulated cameras
+    run live_bars bash tests/bench/live_bars.sh "$b" # with and without error bars
     run view /usr/bin/python3 tests/view/bench.py "$b" # the page and its bridge, in a headless browser
     run blender /usr/bin/python3 tests/blender/bench.py "$b" # the add-on
     run judge /usr/bin/python3 tests/bench/judge.py "$out"

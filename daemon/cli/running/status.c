@@ -81,6 +81,34 @@ static void print_sets(const cJSON *s)
         ask_num(s, "last", "rel_residual"));
 }
 
+/* Only of a daemon with model.error_bars. */
+static void print_error_bars(const cJSON *s)
+{
+    const char *what = "error_bars";
+    const cJSON *b = cJSON_GetObjectItemCaseSensitive(s, what), *k;
+    const char *before = "; in doubt: ";
+    if (b == NULL)
+        return;
+    bool sent = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(b, "sent"));
+    printf("bars      %s, %.0f sets solved once more, mean %.1f ms",
+           sent ? "of the last volume" : "none yet", ask_num(b, "solves", NULL),
+           ask_num(b, "mean_ms", NULL));
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(b, "doubts"))
+    {
+        printf("%s%s", before, cJSON_IsString(k) ? k->valuestring : "");
+        before = ", ";
+    }
+    before = "; left out: ";
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(b, "left_out"))
+    {
+        if (ask_num(k, "value", NULL) == 0)
+            continue;
+        printf("%s%.0f %s", before, ask_num(k, "value", NULL), ask_text(k, "name", NULL));
+        before = ", ";
+    }
+    puts("");
+}
+
 static void print_record(const cJSON *s)
 {
     if (ask_text(s, "record", "path")[0] == '\0')
@@ -179,6 +207,7 @@ static int status_run(int argc, char **argv)
         printf("starting; system matrix %.0f %%\n", 100 * ask_num(s, "matrix_done", NULL));
     } else {
         print_sets(s);
+        print_error_bars(s);
         print_record(s);
         print_record_volumes(s);
         print_ring(s);
