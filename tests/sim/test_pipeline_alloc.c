@@ -114,7 +114,8 @@ T_CASE(nothing_is_allocated)
 {
     make_rig(4, 64, 48, 16);
     bed_publish = "compress: lz4";
-    dmn_live *p = started("cameras: \"sim:\"\nfps: 60\nsolver: {warm_start: on}\n");
+    dmn_live *p = started("cameras: \"sim:\"\nfps: 60\nsolver: {warm_start: on}\n"
+                          "model: {error_bars: true}\n");
     /* cameras are open, the watch has its matrix, first use of everything is over */
     LOOK_UNTIL(p, state.published >= 50 && state.rig[3].looks > 0 && state.checks.n > 0);
     dl_iterate_phdr(find_libraries, NULL);
