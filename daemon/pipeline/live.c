@@ -22,8 +22,7 @@
 #include "daemon/pipeline/watch.h"
 #include "recon/matrix/active.h"
 
-#define LIVE_BARS(c) false /* until the daemon makes bars */
-#define LOOK_ROWS    8     /* of a picture's rows one in so many is looked at for its depth */
+#define LOOK_ROWS 8 /* of a picture's rows one in so many is looked at for its depth */
 
 struct dmn_live {
     struct dmn_config cfg;
@@ -95,7 +94,7 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     PVX_TRY(dmn_config_rig(c, &l->rig, d));
     dmn_config_path(c, c->rig, path, sizeof path);
     PVX_TRY(dmn_config_sees(&l->rig, path, d));
-    PVX_TRY(dmn_temperature_new(c, &l->rig, LIVE_BARS(c), &l->temperature, d));
+    PVX_TRY(dmn_temperature_new(c, &l->rig, c->error_bars, &l->temperature, d));
     l->out.temperature = l->temperature;
     size_t len;
     PVX_TRY(rec_rig_format(&l->rig, &l->rig_text, &len));
