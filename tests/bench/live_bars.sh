@@ -10,7 +10,7 @@ dir=$(mktemp -d)
 export PYROVOX_CACHE=$dir/cache
 sim=
 trap '[ -z "$sim" ] || kill "$sim" 2> /dev/null; rm -rf "$dir"' EXIT
-"$b/bin/pyrovox" simcams --cameras 8 --size 640x480 --voxels 64 --write-rig "$dir/rig.yaml" > "$dir/log" 2>&1 || { cat "$dir/log"; exit 1; }
+"$b/bin/pyrovox" simcams --cameras 8 --size 640x480 --voxels 64 --ring 1 --write-rig "$dir/rig.yaml" --write-frames "$dir/frames" > "$dir/log" 2>&1 || { cat "$dir/log"; exit 1; }
 look() { # processor seconds of the daemon and its status, as one line: cpu published lost p50 p99 solves left_out
     /usr/bin/python3 - "$b/bin/pyrovox" "ipc://$dir/control" "$dir/pyrovoxd.yaml" << 'END'
 import glob, json, os, subprocess, sys
