@@ -8,16 +8,17 @@
 #include "recon/frame/impl.h"
 #include "recon/frame/parts.h"
 
-#define GAP   15.0 /* (3) */
-#define DRAWN 0.6  /* factor on (4) */
-#define PRIOR 0.25 /* share of the prior in it; from a weight of */
-#define SHARP 0.02 /* times the mean diagonal on they rise, and */
-#define DULL  0.5  /* from this one on both are 1 */
-#define BLUR  0.25 /* doubt: the weight of the best channel over the mean diagonal */
-#define HUE   2.0  /* (5) */
-#define LEAST 6    /* iterations, at least */
-#define VIEWS 80   /* J: iterations times cameras, at least: of few cameras each one matters more */
-#define POOR  25.0 /* doubt: sigma^2 over that of the dark */
+#define JACK   1.15 /* (3) */
+#define GAP    10.0
+#define DRAWN  0.4 /* factor on (4) */
+#define DRAWS  4   /* of D, beside J: more of them tell little */
+#define LOST   3.0 /* (5) */
+#define UNSEEN 0.8
+#define MOST   6.0
+#define ROUGH  0.09
+#define LEAST  6  /* iterations, at least */
+#define VIEWS  80 /* J: iterations times cameras, at least: of few cameras each one matters more */
+#define POOR   25.0 /* doubt: sigma^2 over that of the dark */
 
 struct rec_bars {
     uint32_t K;
@@ -125,9 +126,15 @@ static void bars_still(rec_bars *b, uint32_t cameras)
     b->p.iterations = rec_bars_iterations(b->f->report.solve.iterations, cameras);
 }
 
+/* Second factor of (3). */
+static double bars_gaps(uint32_t cameras)
+{
+    double gap = cameras > 1 ? fmax(1, (GAP - cameras) / (cameras - 1.0)) : 1;
+    return gap * gap;
+}
 double rec_bars_groups(uint32_t cameras, uint32_t left)
 {
-    return (1 - 1.0 / left) * fmax(1, (GAP - cameras) / (cameras - 1.0));
+    return JACK * JACK * (1 - 1.0 / left) * bars_gaps(cameras);
 }
 
 /* J: the cameras in `left` groups. */
@@ -162,21 +169,13 @@ static void bars_about(rec_bars *b, float *d, const double by[4])
         d[i] = (float)by[i % b->cs] * (d[i] - b->f->x[i]);
 }
 
-/* From 0 to 1: how far the smoothness term hides what a channel's noise would hide. */
-static double bars_dull(const struct rec_perturb_fit *fit)
-{
-    double at = fit->unit > 0 ? log(fit->lambda / fit->unit / SHARP) / log(DULL / SHARP) : 1;
-    return at >= 1 ? 1 : at > 0 ? at : 0;
-}
-
 void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone,
                     struct rec_perturbation *p, double by[4])
 {
     for (int l = 0; l < nch; l++) {
-        double dull = alone ? 1 : bars_dull(&fit[l]);
         p->sigma[l] = sqrt(fit[l].noise2);
-        p->prior[l] = PRIOR + (1 - PRIOR) * dull;
-        by[l] = DRAWN + (1 - DRAWN) * dull;
+        p->prior[l] = alone ? 1 : 0;
+        by[l] = alone ? 1 : DRAWN;
     }
 }
 
@@ -192,37 +191,50 @@ static void bars_draw(rec_bars *b, uint32_t drawn, bool alone)
         bars_about(b, bars_solve(b), by);
 }
 
-void rec_bars_hue(struct rec_spread *s, const struct rec_perturb_fit fit[4], const float *x,
-                  float *mean, float *d)
+/* d = the detail of channel `best` in each channel, from x and its mean; its mean square over that of x, in that channel. */
+static double detail_of(size_t best, const float *x, const float *mean, size_t n, size_t cs,
+                        float *d)
 {
+    double d2 = 0, x2 = 0;
+    for (size_t i = 0; i < n * cs; i += cs) {
+        float usual = mean[i + best], more = usual > 0 ? x[i + best] / usual - 1 : 0;
+        for (size_t l = 0; l < cs; l++)
+            d[i + l] = more * mean[i + l];
+        d2 += (double)d[i + best] * d[i + best];
+        x2 += (double)x[i + best] * x[i + best];
+    }
+    return x2 > 0 ? d2 / x2 : 0;
+}
+
+double rec_bars_detail(struct rec_spread *s, const struct rec_perturb_fit fit[4], uint32_t cameras,
+                       const float *x, float *mean, float *d)
+{
+    size_t best = 0, cs = (size_t)s->a->cs, n = (size_t)s->a->n, nch = cs == 4 ? 3 : 1;
     float by[4] = {0};
-    size_t best = 0, cs = 4;
-    for (size_t l = 1; l < 3; l++)
+    for (size_t l = 1; l < nch; l++)
         best = fit[l].g > fit[best].g ? l : best;
-    for (size_t l = 0; l < 3; l++)
-        by[l] = (float)(HUE * sqrt(fmax(0, 1 - fit[l].g / fit[best].g)));
     rec_spread_mean(s, x, d);
     rec_spread_mean(s, d, mean);
-    for (size_t i = 0; i < (size_t)s->a->n * cs; i += cs)
-        for (size_t l = 0; l < cs; l++) {
-            float usual = mean[i + best];
-            float other = usual > 0 ? x[i + best] / usual * mean[i + l] : 0;
-            d[i + l] = by[l] > 0 ? by[l] * (other - x[i + l]) : 0;
-        }
+    double rough = fmin(1, detail_of(best, x, mean, n, cs, d) / ROUGH), lost[4] = {0};
+    for (size_t l = 0; l < nch; l++) {
+        double unseen = UNSEEN * sqrt(bars_gaps(cameras) - 1);
+        lost[l] = fit[l].unit > 0 ? LOST * fit[l].lambda / fit[l].unit : 0;
+        by[l] = (float)(rough * fmin(MOST, lost[l] + unseen));
+    }
+    for (size_t i = 0; i < n * cs; i++)
+        d[i] *= by[i % cs];
+    return rough * lost[best];
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------*/
 
-uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras)
+uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras, double lost)
 {
     uint32_t doubt = cameras < REC_BARS_CAMERAS ? REC_BARS_FEW_CAMERAS : 0;
-    double least = INFINITY;
-    for (int l = 0; l < nch; l++) {
+    for (int l = 0; l < nch; l++)
         if (fit[l].dark2 > 0 && fit[l].noise2 > POOR * fit[l].dark2)
             doubt |= REC_BARS_POOR_FIT;
-        least = fit[l].unit > 0 ? fmin(least, fit[l].lambda / fit[l].unit) : least;
-    }
-    return least > BLUR ? doubt | REC_BARS_BLURRED : doubt;
+    return lost > 1 ? doubt | REC_BARS_BLURRED : doubt;
 }
 
 pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars_view *out)
@@ -245,14 +257,14 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
     rec_spread_begin(&b->spread, f->sub);
     if (left > 0)
         bars_leave(b, cameras, left);
-    bars_draw(b, b->K - left, few);
+    bars_draw(b, few || b->K - left < DRAWS ? b->K - left : DRAWS, few);
     rec_perturb_end(b->perturb);
-    if (f->nch == 3)
-        rec_bars_hue(&b->spread, b->fit, f->x, b->mean, bars_mode(b, out->n_modes++));
+    double lost =
+        rec_bars_detail(&b->spread, b->fit, cameras, f->x, b->mean, bars_mode(b, out->n_modes++));
     rec_spread_deviations(&b->spread, b->modes, out->n_modes, b->sd);
     rec_spread_end(&b->spread);
     out->sd = b->sd;
     out->modes = b->modes;
-    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras);
+    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras, lost);
     return PVX_OK;
 }

@@ -6,20 +6,23 @@
  *     var(w'x) = sum_k (w'd_k)^2 + sum_q w_q^2 t_q^2     any sum over a region                         (2)
  * t^2 is sd^2 - sum d^2.  Three kinds of modes, N cameras believed:
  *     J  cameras are left out in G <= K/2 groups.  x_g is the volume without group g, m the mean of the x_g,
- *            d = j (x_g - m),   j^2 = (G - 1)/G max(1, (GAP - N)/(N - 1))                              (3)
- *        The first factor is that of the jackknife.  The second: between few cameras there are wide gaps, about which
- *        each camera tells something new.  These modes hold what belongs to one camera (pose, gain, lens, time) and,
- *        since what a new view changes is what the views before could not see, the detail that no view shows.
- *     D  draws of noise and prior (perturb.h), of sigma^2 = r'Wr / (m - g), the evidence's noise: what the volume
- *        misses in the pictures, so the model's error too.  n draws x_k:
+ *            d = j (x_g - m),   j^2 = JACK^2 (1 - 1/G) p^2,   p = max(1, (GAP - N)/(N - 1))             (3)
+ *        1 - 1/G is the factor of the jackknife.  p: between few cameras there are wide gaps, about which each camera
+ *        tells something new.  These modes hold what belongs to one camera (noise, pose, gain, lens, time) and, since
+ *        what a new view changes is what the views before could not see, much of the detail that no view shows.
+ *     D  n <= DRAWS draws of noise (perturb.h), of sigma^2 = r'Wr / (m - g), the evidence's noise: what the volume
+ *        misses in the pictures, so the model's error too.  Volumes x_k:
  *            d = DRAWN (x_k - x) / sqrt n                                                              (4)
- *        About x, not about their mean: what noise adds to a volume that cannot be negative is an error too.
- *     H  hue, without a solve: a dim channel has lost detail that the best known channel r still has.  With <> the mean
- *        over the neighbourhood and g the degrees of freedom (lambda.c),
- *            d_c = HUE (1 - g_c/g_r)^(1/2) (x_r <x_c> / <x_r> - x_c)                                       (5)
- *        J counts noise once more, and more of what no view shows than the prior knows.  Hence DRAWN, and only a share
- *        of the prior in a draw.  Where noise makes the weight large, all volumes of J have lost the same detail.  There
- *        both factors are 1.
+ *        About x, not about their mean: what noise adds to a volume that cannot be negative is an error too.  J has noise
+ *        already, but for smooth flames too little.  With too few cameras for J there is D alone: K draws of noise and
+ *        prior, DRAWN is 1.
+ *     T  texture, without a solve: detail that the volume has at the scale of a few voxels, as a measure of the finer
+ *        detail that it has lost.  With << >> the mean over a neighbourhood, r the channel that is known best and u_c the
+ *        mean diagonal of A'WA,
+ *            d_c = f_c (x_r / <<x_r>> - 1) <<x_c>>                                                         (5)
+ *            f_c = min(MOST, LOST lambda_c / u_c + UNSEEN (p^2 - 1)^(1/2)) min(1, R / ROUGH)
+ *        lambda_c / u_c is how far noise has blurred a channel, p how much the views leave open.  R, the mean square of
+ *        d_r / f_r over that of x_r, tells sharp flames from smooth ones, which have no detail to lose.
  * Few modes give each voxel's variance with a large error of its own.  So it is mixed with the mean over 3x3x3 voxels;
  * modes shrink where it falls, t^2 is the rest where it rises (spread.h).  Modes of J and D are longer by the factor by
  * which Student's distribution is wider than the normal one.
@@ -49,12 +52,12 @@ extern "C" {
 enum {
     REC_BARS_POOR_FIT = 1,    /* the volume misses the pictures by far more than their noise */
     REC_BARS_FEW_CAMERAS = 2, /* fewer than REC_BARS_CAMERAS are believed */
-    REC_BARS_BLURRED = 16     /* the weight is so large that detail of a few voxels may be lost */
+    REC_BARS_BLURRED = 16     /* noise hides detail: f_r of (5) by the weight alone is above 1 */
 };
 
 typedef struct rec_bars rec_bars;
 
-/* For frames of S with nch channels, K solves.  Errors: PVX_EINVAL (K), PVX_ENOMEM.  Owner: caller. */
+/* For frames of S with nch channels, at most K solves.  Errors: PVX_EINVAL (K), PVX_ENOMEM.  Owner: caller. */
 PVX_MUST_CHECK pvx_err rec_bars_new(const rec_sysmat *S, int nch, uint32_t K, rec_bars **out,
                                     struct pvx_diag *d);
 void rec_bars_free(rec_bars **b);

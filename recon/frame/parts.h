@@ -1,5 +1,5 @@
 /* parts.h - the pieces of error bars that bars.c and running.c share: (3) to (5) of bars.h without the sums.
- * Threads: pure, except rec_bars_hue, which uses the spread's work areas.  Private to recon/frame. */
+ * Threads: pure, except rec_bars_detail, which uses the spread's work areas.  Private to recon/frame. */
 #ifndef REC_FRAME_PARTS_H
 #define REC_FRAME_PARTS_H
 #include "recon/frame/bars.h"
@@ -16,9 +16,11 @@ void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone,
                     struct rec_perturbation *p, double by[4]);
 /* Iterations of a repeated solve, where the solve made `done`; of J with so many cameras, 0: of D. */
 uint32_t rec_bars_iterations(uint32_t done, uint32_t cameras);
-/* d of (5) for three channels, from x; mean: a work area [n][cs]. */
-void rec_bars_hue(struct rec_spread *s, const struct rec_perturb_fit fit[4], const float *x,
-                  float *mean, float *d);
-uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras);
+/* d of (5) from x; mean: a work area [n][cs].  Returns by how much the weight of the best channel lengthens it. */
+double rec_bars_detail(struct rec_spread *s, const struct rec_perturb_fit fit[4], uint32_t cameras,
+                       const float *x, float *mean, float *d);
+/* lost: of rec_bars_detail. */
+uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras,
+                        double lost);
 
 #endif

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#define MEAN 0.4F /* share of <V> in sd^2 */
+#define MEAN 0.3F /* share of <V> in sd^2 */
 
 struct spread_pass {
     struct rec_spread *s;

@@ -1,7 +1,7 @@
 /* spread.h - deviations of a volume, its modes, made into standard deviations: (1) and (5) of bars.h.
  *
  *     <v>_q = mean of v over the active voxels among q and its 26 neighbours                            (1)
- *     V = sum_k d_k^2,   sd^2 = 0.6 V + 0.4 <V>,   d_k becomes d_k min(1, sd / V^(1/2))                    (2)
+ *     V = sum_k d_k^2,   sd^2 = 0.7 V + 0.3 <V>,   d_k becomes d_k min(1, sd / V^(1/2))                    (2)
  * so that (2) of bars.h never has more than sd says.
  * Threads: one frame at a time; same bits for any number.  Allocates nothing.  Private to recon/frame. */
 #ifndef REC_FRAME_SPREAD_H

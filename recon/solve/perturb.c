@@ -13,7 +13,6 @@ struct rec_perturb {
     void *areas;
     size_t bytes;
     float *b, *w, *w4;    /* [room][cs], [room], [room][4]: the problem's own */
-    float *seen;          /* [room][cs] A x; 0 where no row is */
     float *expect, *lhat; /* [n][cs] xhat and a L xhat of (1b) in pcg.c, moved */
     const float *x;       /* the solution */
     rec_problem *pb;
@@ -26,8 +25,8 @@ struct rec_perturb {
 static size_t perturb_lay_out(rec_perturb *t, float *base)
 {
     const size_t rows = t->rows * t->cs, voxels = t->voxels * t->cs;
-    const size_t sizes[] = {rows, t->rows, t->rows * 4, rows, voxels, voxels};
-    float **const to[] = {&t->b, &t->w, &t->w4, &t->seen, &t->expect, &t->lhat};
+    const size_t sizes[] = {rows, t->rows, t->rows * 4, voxels, voxels};
+    float **const to[] = {&t->b, &t->w, &t->w4, &t->expect, &t->lhat};
     size_t at = 0;
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
         if (base != NULL)
@@ -83,9 +82,7 @@ static void perturb_keep_rows(void *ctx, size_t k)
             memcpy(t->w4 + i * 4, pb->w4 + i * 4, 4 * sizeof *t->w4);
         for (size_t l = 0; l < t->cs; l++) {
             size_t at = i * t->cs + l;
-            bool row = pb->a->is_row[i];
-            t->b[at] = row ? pb->b[at] : 0;
-            t->seen[at] = row ? pb->yv[0][at] + pb->b[at] : 0;
+            t->b[at] = pb->a->is_row[i] ? pb->b[at] : 0;
         }
     }
 }
@@ -100,7 +97,6 @@ bool rec_perturb_begin(rec_perturb *t, rec_problem *pb, const float *x,
     t->pb = pb;
     t->x = x;
     rec_residual(pb, x, pb->yv[0], pb->yv[1], rwr);
-    memset(t->seen, 0, t->rows * t->cs * sizeof *t->seen);
     pvx_pool_run(pb->a->pool, rec_row_chunks(pb), perturb_keep_rows, t);
     bool any = false;
     memcpy(t->lambda, pb->ended.lambda, sizeof t->lambda);
@@ -134,21 +130,6 @@ static inline double perturb_sign(uint32_t signs, size_t l)
     return signs >> l & 1 ? 1 : -1;
 }
 
-/* (5) at bin i of camera c.  Beyond the picture, and where no row is, there is no light. */
-static double perturb_moved(const rec_perturb *t, size_t c, size_t i, size_t l)
-{
-    const double *by = t->p->moved[c];
-    const rec_problem *pb = t->pb;
-    size_t bw = (size_t)pb->a->S->block[c].bw, bh = (size_t)pb->a->S->block[c].bh;
-    size_t r = i - pb->a->row0[c], x = r % bw, y = r / bw;
-    const float *s = t->seen + l;
-    double du =
-        (x + 1 < bw ? (double)s[(i + 1) * t->cs] : 0) - (x > 0 ? (double)s[(i - 1) * t->cs] : 0);
-    double dv =
-        (y + 1 < bh ? (double)s[(i + bw) * t->cs] : 0) - (y > 0 ? (double)s[(i - bw) * t->cs] : 0);
-    return by[0] * (double)s[i * t->cs] + 0.5 * (by[1] * du + by[2] * dv);
-}
-
 static void perturb_row(const rec_perturb *t, size_t c, size_t i)
 {
     rec_problem *pb = t->pb;
@@ -165,7 +146,6 @@ static void perturb_row(const rec_perturb *t, size_t c, size_t i)
             b = pb->given[at]; /* a bound */
         } else if (w > 0) {
             b += p->sigma[l] * perturb_sign(signs, l) / sqrt(w);
-            b += p->moved != NULL ? perturb_moved(t, c, i, l) : 0;
         }
         pb->b[at] = (float)b;
     }

@@ -15,12 +15,11 @@
  * and (2) has the term lambda nu too.
  * Entries of e1, e2 are +1 or -1.  (4) asks for no more, each entry of the deviation is a sum of very many of them, and
  * of all choices this one makes the squares of (4) scatter least (Hutchinson, Commun. Stat. Simul. 19:433, 1990).
- * Cameras may be left out, and each camera's picture may be moved:
- *     b + w_c (A x) + u_c d(A x)/du + v_c d(A x)/dv     gain and shift of camera c                          (5)
+ * Cameras may be left out.
  * Source: randomised maximum likelihood, or perturb and optimise: Oliver, He & Reynolds, 5th ECMOR 1996; Papandreou &
  * Yuille, NIPS 2010; Bardsley et al., SIAM J. Sci. Comput. 36:A1895, 2014.
  * Cost: a solve of so many iterations without coarser grids, from the solution.
- * Memory: 2 vectors over voxels, 3 over rows, of reserved address space.
+ * Memory: 2 vectors over voxels, 2 over rows, of reserved address space.
  * Threads: as the problem; same bits for any number, since an entry depends on the seed, the number of the draw, its row
  * or voxel and its channel alone.  Allocates nothing after ..._new.  Private to recon. */
 #ifndef REC_PERTURB_H
@@ -51,11 +50,10 @@ bool rec_perturb_begin(rec_perturb *t, rec_problem *pb, const float *x,
 
 struct rec_perturbation {
     uint64_t seed;
-    uint32_t draw;            /* number of e1 and e2 */
-    double sigma[4];          /* of (3); 0: neither pictures nor prior are moved */
-    double prior[4];          /* factor on e2: 1 for (3) */
-    const bool *out;          /* [cameras] left out; NULL: none */
-    const double (*moved)[3]; /* [cameras] w, u, v of (5), bins; NULL: none */
+    uint32_t draw;   /* number of e1 and e2 */
+    double sigma[4]; /* of (3); 0: neither pictures nor prior are moved */
+    double prior[4]; /* factor on e2: 1 for (3) */
+    const bool *out; /* [cameras] left out; NULL: none */
     uint32_t iterations;
     int64_t deadline_ns; /* of rec_solve_params */
 };

@@ -265,18 +265,53 @@ static inline void bars_add_square(double *var, const float *img, size_t n, doub
         var[i] += by * (double)img[i] * img[i];
 }
 
-/* Mean over the pixels on which the flame is of (picture of the volume - picture)^2 over its predicted variance, both
- * with the picture's own noise: sigma, or -sigma where the picture has it already.  t^2 by four draws of independent
- * voxels.
- * size: root mean square of the prediction over that of the errors. */
-static inline double bars_view(const struct dense_bars *d, double sigma, double *size,
-                               pvx_pool *pool)
+/* How a view is judged, and what else it says. */
+struct bars_look {
+    double sigma; /* noise of the picture */
+    bool
+        real; /* it is a picture with this noise in it, by a camera of unknown gain and a volume that may be too small */
+    double size;    /* out: root mean square of the prediction over that of the errors */
+    double outside; /* out, real: share of the light whose rays meet no voxel */
+};
+
+/* 1 where a ray passes a voxel's side or more of active voxels, and everywhere in a simulation. */
+static inline bool *bars_met(const struct dense_bars *d, bool real, size_t n, pvx_pool *pool)
 {
-    const struct rec_camera *c = &d->s->unseen;
-    size_t n = (size_t)c->width * (size_t)c->height * d->nch, cs = (size_t)d->v.cs,
-           vector = (size_t)d->v.n * cs;
-    double *var = pvx_calloc(n, sizeof *var), sum = 0, all = 0, peak = 0, e2 = 0, v2 = 0;
-    float *rest = must_floats(vector), *img = bars_picture(d, d->x.value, pool);
+    bool *met = pvx_calloc(n, sizeof *met);
+    CHECK(met != NULL ? PVX_OK : PVX_ENOMEM);
+    memset(met, 1, n);
+    if (!real)
+        return met;
+    size_t vector = (size_t)d->v.n * (size_t)d->v.cs;
+    float *one = must_floats(vector);
+    for (size_t i = 0; i < vector; i++)
+        one[i] = 1;
+    float *path = bars_picture(d, one, pool);
+    for (size_t i = 0; i < n; i++)
+        met[i] = (double)path[i] > rec_grid_h(&d->s->rig.grid, 0);
+    free(path);
+    free(one);
+    return met;
+}
+
+/* Least squares over the pixels that are met. */
+static inline double bars_gain(const float *img, const float *should, const bool *met, size_t n)
+{
+    double both = 0, square = 0;
+    for (size_t i = 0; i < n; i++)
+        if (met[i]) {
+            both += (double)img[i] * (double)should[i];
+            square += (double)img[i] * (double)img[i];
+        }
+    return square > 0 ? both / square : 1;
+}
+
+/* Variance of the unseen picture by the bars: modes, and t^2 by four draws of independent voxels. */
+static inline double *bars_view_variance(const struct dense_bars *d, size_t n, pvx_pool *pool)
+{
+    size_t cs = (size_t)d->v.cs, vector = (size_t)d->v.n * cs;
+    double *var = pvx_calloc(n, sizeof *var);
+    float *rest = must_floats(vector);
     enum { DRAWS = 4 };
     CHECK(var != NULL ? PVX_OK : PVX_ENOMEM);
     for (uint32_t k = 0; k < d->v.n_modes; k++) {
@@ -293,21 +328,41 @@ static inline double bars_view(const struct dense_bars *d, double sigma, double 
         bars_add_square(var, of, n, 1.0 / DRAWS);
         free(of);
     }
+    free(rest);
+    return var;
+}
+
+/* Mean over the pixels on which the flame is, of (picture of the volume - picture)^2 over its predicted variance, both
+ * with the picture's own noise.  real: over those that are met, after the gain of the view that nobody corrected. */
+static inline double bars_view(const struct dense_bars *d, struct bars_look *o, pvx_pool *pool)
+{
+    const struct rec_camera *c = &d->s->unseen;
+    const float *should = d->s->unseen_image;
+    size_t n = (size_t)c->width * (size_t)c->height * d->nch;
+    double *var = bars_view_variance(d, n, pool), sum = 0, all = 0, peak = 0, e2 = 0, v2 = 0;
+    float *img = bars_picture(d, d->x.value, pool);
+    bool *met = bars_met(d, o->real, n, pool);
+    double gain = o->real ? bars_gain(img, should, met, n) : 1, light = 0, missed = 0;
     for (size_t i = 0; i < n; i++)
-        peak = fmax(peak, (double)d->s->unseen_image[i]);
+        peak = fmax(peak, (double)should[i]);
     for (size_t i = 0; i < n; i++) {
-        double e = (double)img[i] - (double)d->s->unseen_image[i] + fmax(sigma, 0) * bench_normal();
-        if ((double)d->s->unseen_image[i] <= BARS_LIT * peak)
+        double noise = o->real ? 0 : o->sigma * bench_normal();
+        double e = gain * (double)img[i] - (double)should[i] + noise;
+        double v = gain * gain * var[i] + o->sigma * o->sigma;
+        light += (double)should[i];
+        missed += met[i] ? 0 : (double)should[i];
+        if ((double)should[i] <= BARS_LIT * peak || !met[i])
             continue;
-        sum += e * e / (var[i] + sigma * sigma);
+        sum += e * e / v;
         e2 += e * e;
-        v2 += var[i] + sigma * sigma;
+        v2 += v;
         all++;
     }
-    *size = e2 > 0 ? sqrt(v2 / e2) : NAN;
+    o->size = e2 > 0 ? sqrt(v2 / e2) : NAN;
+    o->outside = light > 0 ? missed / light : 0;
     free(var);
-    free(rest);
     free(img);
+    free(met);
     return all > 0 ? sum / all : NAN;
 }
 

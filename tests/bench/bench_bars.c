@@ -17,6 +17,7 @@
  *
  *     bench_bars [FOLDER [FLAME [CASE]]] */
 #include "bars.h"
+#include "bars_scenes.h"
 #include "capture/pixel/pixfmt.h"
 #include "plume.h"
 #include "wrong.h"
@@ -25,43 +26,7 @@
 #define TURNS     3
 #define PLUME_AT  75
 #define PLUME_BIN 4
-
-static const struct view_set views_4 = {"4 on a ring", 8, 4, 3, {0, 2, 4, 6}},
-                             arc_6 = {"6 on 150 deg", 12, 6, 6, {0, 1, 2, 3, 4, 5}},
-                             views_12 = {"12 on a ring",
-                                         13,
-                                         12,
-                                         6,
-                                         {0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12}};
-static const struct noise noise_half = {"0.5 %", 0.005, 0}, noise_2 = {"2 %", 0.02, 0};
-static const int32_t size_48[3] = {120, 90, 48};
-
-static const struct bars_case {
-    const char *name;
-    const struct view_set *views;
-    const struct noise *noise;
-    const char *wrong;
-    bool narrow; /* odd cameras look past a part of the flame */
-} cases[] = {
-    {"8 cameras", &views_8, &noise_1, "exact", false},
-    {"0.5 %", &views_8, &noise_half, "exact", false},
-    {"5 %", &views_8, &noise_5, "exact", false},
-    {"4 cameras", &views_4, &noise_1, "exact", false},
-    {"6 on an arc", &arc_6, &noise_2, "exact", false},
-    {"12 cameras", &views_12, &noise_1, "exact", false},
-    {"poses", &views_8, &noise_1, "poses 0.3 px", false},
-    {"gains", &views_8, &noise_1, "gains 5 %", false},
-    {"narrow", &views_8, &noise_1, "exact", true},
-};
-static const enum flame_kind of[] = {FLAME_RING, FLAME_CAMPFIRE, FLAME_GAUSS40, FLAME_RAGGED,
-                                     FLAME_JET,  FLAME_HOLLOW,   FLAME_CANDLES, FLAME_SHEETS,
-                                     FLAME_WALL, FLAME_SHELL,    FLAME_POOL};
-#define COUNT(a) (sizeof(a) / sizeof *(a))
-
-static bool is_judged(enum flame_kind k)
-{
-    return strcmp(flames[k].use, "held out") == 0;
-}
+#define COUNT(a)  (sizeof(a) / sizeof *(a))
 
 /* ---- one case -----------------------------------------------------------------------------------*/
 
@@ -69,12 +34,6 @@ struct outcome {
     double held[N_CLASSES], boxes, view, sd, cost;
     uint32_t doubt;
 };
-
-static void narrow(struct scene *s)
-{
-    for (size_t c = 1; c < s->rig.n_cameras; c += 2)
-        s->rig.cameras[c].cy -= 0.35 * s->rig.cameras[c].height;
-}
 
 static double cost_turn(rec_frame *f, rec_bars *b, const struct shot *shot, uint64_t seed,
                         struct rec_bars_view *v, double *without)
@@ -89,9 +48,10 @@ static double cost_turn(rec_frame *f, rec_bars *b, const struct shot *shot, uint
     return bench_cpu() - t0;
 }
 
-static bool judge(enum flame_kind kind, const struct bars_case *k, uint64_t seed, pvx_pool *pool,
-                  struct outcome *out)
+static bool judge(const struct bars_flame *flame, const struct bars_case *k, uint64_t seed,
+                  pvx_pool *pool, struct outcome *out)
 {
+    const struct noise noise = {k->name, k->noise, 0};
     struct scene s;
     struct shot shot;
     struct rec_frame_params p = rec_frame_defaults;
@@ -99,13 +59,11 @@ static bool judge(enum flame_kind kind, const struct bars_case *k, uint64_t seed
     rec_frame *f;
     rec_bars *b;
     double with = INFINITY, without = INFINITY;
-    scene_views(&s, k->views, size_48[0], size_48[1], size_48[2]);
-    if (k->narrow)
-        narrow(&s);
-    if (!scene_burn(&s, kind, flames[kind].t, pool))
+    bars_rig(&s, k);
+    if (!bars_burn(&s, flame, pool))
         return false;
     wrong_scene(wrong_named(k->wrong), &s, seed, pool);
-    shot_new(&shot, &s, k->noise, seed);
+    shot_new(&shot, &s, &noise, seed);
     s.rig.grid.basis = REC_TRILINEAR;
     rec_sysmat *S = scene_matrix(&s, 0, pool);
     scene_truth(&s, REC_TRILINEAR, pool);
@@ -122,8 +80,8 @@ static bool judge(enum flame_kind kind, const struct bars_case *k, uint64_t seed
     bars_classes(&d, k->narrow, out->held);
     out->sd = bars_size(&d);
     out->boxes = bars_boxes(&d, BOXES, seed);
-    double size;
-    out->view = bars_view(&d, k->noise->sigma * s.peak, &size, pool);
+    struct bars_look look = {.sigma = k->noise * s.peak};
+    out->view = bars_view(&d, &look, pool);
     dense_bars_free(&d);
     rec_bars_free(&b);
     rec_frame_free(&f);
@@ -135,36 +93,47 @@ static bool judge(enum flame_kind kind, const struct bars_case *k, uint64_t seed
 
 /* ---- tables -------------------------------------------------------------------------------------*/
 
-/* Mean over flames, without those that have no such voxel. */
-struct mean {
-    double sum[N_CLASSES + 4];
-    int n[N_CLASSES + 4];
-};
-static void mean_add(struct mean *m, const struct outcome *o)
+/* A row: classes, boxes, view, sd, cost, light outside, and of means the share of flames with a doubt. */
+#define N_OUT (N_CLASSES + 6)
+
+static void outcome_row(const struct outcome *o, double v[N_OUT])
 {
-    double v[N_CLASSES + 4];
     memcpy(v, o->held, sizeof o->held);
     v[N_CLASSES] = o->boxes;
     v[N_CLASSES + 1] = o->view;
     v[N_CLASSES + 2] = o->sd;
     v[N_CLASSES + 3] = o->cost;
-    for (int i = 0; i < N_CLASSES + 4; i++)
+    v[N_CLASSES + 4] = NAN;
+    v[N_CLASSES + 5] = o->doubt != 0 ? 100 : 0;
+}
+
+/* Mean over flames, without those that have no such voxel. */
+struct mean {
+    double sum[N_OUT];
+    int n[N_OUT];
+};
+static void mean_add(struct mean *m, const double v[N_OUT])
+{
+    for (int i = 0; i < N_OUT; i++)
         if (isfinite(v[i])) {
             m->sum[i] += v[i];
             m->n[i]++;
         }
 }
-static void row(FILE *csv, const char *flame, const char *use, const char *name, const double *v,
-                uint32_t doubt)
+static void row(FILE *csv, const char *flame, const char *use, const char *name,
+                const double v[N_OUT], uint32_t doubt)
 {
-    char field[N_CLASSES + 4][32];
-    for (int i = 0; i < N_CLASSES + 4; i++) {
-        snprintf(field[i], sizeof field[i], i <= N_CLASSES ? "%.1f" : "%.2f", v[i]);
-        if (!isfinite(v[i]))
-            snprintf(field[i], sizeof field[i], "-");
+    char line[512];
+    int at = snprintf(line, sizeof line, "%s,%s,%s", flame, use, name);
+    for (int i = 0; i < N_OUT; i++) {
+        bool fine = i > N_CLASSES && i < N_CLASSES + 4;
+        at += snprintf(line + at, sizeof line - (size_t)at,
+                       !isfinite(v[i]) ? ",-"
+                       : fine          ? ",%.2f"
+                                       : ",%.1f",
+                       v[i]);
     }
-    bench_row(csv, "%s,%s,%s,%s,%s,%s,%s,%s,%s,%s,%s,%s,%u", flame, use, name, field[0], field[1],
-              field[2], field[3], field[4], field[5], field[6], field[7], field[8], doubt);
+    bench_row(csv, "%s,%u", line, doubt);
 }
 
 /* ---- a real capture -----------------------------------------------------------------------------*/
@@ -188,7 +157,7 @@ static void plume_judge(FILE *csv, struct scene *s, float *const image[], pvx_po
     struct rec_frame_params p = rec_frame_defaults;
     struct rec_bars_view v;
     struct dense_bars d;
-    double o[N_CLASSES + 4];
+    double o[N_OUT];
     rec_frame *f;
     rec_bars *b;
     rec_sysmat *S = scene_matrix(s, 1, pool);
@@ -205,10 +174,12 @@ static void plume_judge(FILE *csv, struct scene *s, float *const image[], pvx_po
     CHECK(rec_frame_solve(f, 0, NULL));
     CHECK(rec_frame_bars(f, b, PLUME_AT, &v));
     dense_bars_new(&d, s, f, &v);
-    for (int i = 0; i < N_CLASSES + 4; i++)
+    for (int i = 0; i < N_OUT; i++)
         o[i] = NAN;
-    o[N_CLASSES + 1] =
-        bars_view(&d, -(double)rec_frame_get_report(f)->sigma, &o[N_CLASSES + 2], pool);
+    struct bars_look look = {.sigma = (double)rec_frame_get_report(f)->sigma, .real = true};
+    o[N_CLASSES + 1] = bars_view(&d, &look, pool);
+    o[N_CLASSES + 2] = look.size;
+    o[N_CLASSES + 4] = 100 * look.outside;
     row(csv, "plume", "real", s->unseen.name, o, v.doubt);
     dense_bars_free(&d);
     rec_bars_free(&b);
@@ -243,41 +214,59 @@ static void plume(FILE *csv, pvx_pool *pool)
         free(image[c]);
 }
 
+/* Constants were chosen on what is neither a judged flame nor a judged case. */
+static int bars_use(const struct bars_flame *f, const struct bars_case *k)
+{
+    return f->judged || k->judged;
+}
+
+/* Flames at 96^3 take minutes: some stand for all. */
+static bool bars_skips(const struct bars_flame *f, const struct bars_case *k)
+{
+    static const char *const of[] = {"ring", "jet", "sheets", "pool"};
+    bool skips = k->voxels > 64;
+    for (size_t i = 0; i < COUNT(of); i++)
+        skips = skips && strcmp(of[i], f->name) != 0;
+    return skips;
+}
+
+static bool bars_asked(int argc, char **argv, int at, const char *name)
+{
+    return argc <= at || *argv[at] == '\0' || strcmp(argv[at], name) == 0;
+}
+
 int main(int argc, char **argv)
 {
-    static struct mean mean[2][COUNT(cases) + 1];
+    static struct mean mean[2][COUNT(bars_cases) + 1];
     static const char *const uses[2] = {"chosen on", "judged"};
+    double v[N_OUT];
     pvx_pool *pool;
     CHECK(pvx_pool_new(2, "bench", &pool));
-    FILE *csv = bench_csv(argc, argv, "bars",
-                          "flame,use,case,all,rim,core,thin,few,boxes,view,sd,cost,doubt");
-    for (size_t i = 0; i < COUNT(of); i++)
-        for (size_t k = 0; k < COUNT(cases); k++) {
+    FILE *csv =
+        bench_csv(argc, argv, "bars",
+                  "flame,use,case,all,rim,core,thin,few,boxes,view,sd,cost,outside,marked,doubt");
+    for (size_t i = 0; i < COUNT(bars_flames); i++)
+        for (size_t k = 0; k < COUNT(bars_cases); k++) {
+            const struct bars_flame *flame = &bars_flames[i];
+            const struct bars_case *of = &bars_cases[k];
             struct outcome o;
-            double v[N_CLASSES + 4];
-            if ((argc > 2 && *argv[2] != '\0' && strcmp(argv[2], flames[of[i]].name) != 0) ||
-                (argc > 3 && strcmp(argv[3], cases[k].name) != 0) ||
-                !judge(of[i], &cases[k], 1 + 10 * i + k, pool, &o))
+            if (!bars_asked(argc, argv, 2, flame->name) || !bars_asked(argc, argv, 3, of->name) ||
+                bars_skips(flame, of) || !judge(flame, of, 1 + 100 * i + k, pool, &o))
                 continue;
-            int judged = is_judged(of[i]);
-            mean_add(&mean[judged][k], &o);
-            mean_add(&mean[judged][COUNT(cases)], &o);
-            memcpy(v, o.held, sizeof o.held);
-            v[N_CLASSES] = o.boxes;
-            v[N_CLASSES + 1] = o.view;
-            v[N_CLASSES + 2] = o.sd;
-            v[N_CLASSES + 3] = o.cost;
-            row(csv, flames[of[i]].name, uses[judged], cases[k].name, v, o.doubt);
+            int use = bars_use(flame, of);
+            outcome_row(&o, v);
+            mean_add(&mean[use][k], v);
+            mean_add(&mean[use][COUNT(bars_cases)], v);
+            row(csv, flame->name, uses[use], of->name, v, o.doubt);
         }
-    for (int judged = 0; judged < 2; judged++)
-        for (size_t k = 0; k <= COUNT(cases); k++) {
-            const struct mean *m = &mean[judged][k];
-            double v[N_CLASSES + 4];
-            for (int i = 0; i < N_CLASSES + 4; i++)
+    for (int use = 0; use < 2; use++)
+        for (size_t k = 0; k <= COUNT(bars_cases); k++) {
+            const struct mean *m = &mean[use][k];
+            for (int i = 0; i < N_OUT; i++)
                 v[i] = m->n[i] > 0 ? m->sum[i] / m->n[i] : NAN;
             if (m->n[0] > 0)
-                row(csv, "mean", uses[judged], k < COUNT(cases) ? cases[k].name : "all cases", v,
-                    0);
+                row(csv, "mean", uses[use],
+                    k < COUNT(bars_cases) ? bars_cases[k].name : "all cases", v, 0);
         }
     if (argc <= 2 || strcmp(argv[2], "plume") == 0)
         plume(csv, pool);

@@ -1,6 +1,6 @@
 /* test_perturb.c - perturbed solves of a small problem against the dense covariance: that of (2) in perturb.h, with V
- * of a start that fits and with a prediction, where no voxel is at its bound; the mean; cameras that are left out and
- * moved; draws that depend on nothing but their numbers. */
+ * of a start that fits and with a prediction, where no voxel is at its bound; the mean; a camera that is left
+ * out; draws that depend on nothing but their numbers. */
 #include <lapacke.h>
 #include <math.h>
 
@@ -201,8 +201,8 @@ T_CASE(nothing_moved)
     small_free(&q);
 }
 
-/* The minimiser without camera 1, and with camera 2 brighter by 3 % and moved, against the dense equations. */
-T_CASE(cameras_left_out_and_moved)
+/* The minimiser without camera 1, against the dense equations. */
+T_CASE(a_camera_left_out)
 {
     struct small q;
     small_new(&q, false);
@@ -212,22 +212,16 @@ T_CASE(cameras_left_out_and_moved)
     float *x = pvx_calloc(n, sizeof *x), *g = pvx_calloc(n, sizeof *g);
     float *r = pvx_calloc(room, sizeof *r);
     bool out[REC_MAX_CAMERAS] = {[1] = true};
-    double moved[REC_MAX_CAMERAS][3] = {[2] = {0.03, 0, 0}};
     struct rec_perturbation p = drawn(0);
     p.sigma[0] = 0;
     p.out = out;
-    p.moved = (const double(*)[3])moved;
     T_EQ_I(rec_images_new(y->a->S, 1, &images), PVX_OK);
-    float *seen = pvx_calloc(room, sizeof *seen);
-    rec_forward(y->a, &images, q.x, seen);
     rec_perturb_solve(q.t, &p, x);
     dense(&q);
     rec_forward(y->a, &images, x, r);
     for (size_t i = 0; i < y->rows; i++) {
-        bool in1 = i >= y->a->row0[1] && i < y->a->row0[2],
-             in2 = i >= y->a->row0[2] && i < y->a->row0[3];
-        float b = y->b[i] + (in2 ? 0.03F * seen[i] : 0);
-        r[i] = y->a->is_row[i] && !in1 ? y->w[i] * (r[i] - b) : 0;
+        bool in1 = i >= y->a->row0[1] && i < y->a->row0[2];
+        r[i] = y->a->is_row[i] && !in1 ? y->w[i] * (r[i] - y->b[i]) : 0;
     }
     rec_adjoint_range(y->a, r, 0, (int32_t)n, g);
     double most = 0, scale = 0;
@@ -251,7 +245,6 @@ T_CASE(cameras_left_out_and_moved)
     free(x);
     free(g);
     free(r);
-    free(seen);
     free(awax);
     small_free(&q);
 }

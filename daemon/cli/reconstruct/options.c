@@ -94,8 +94,8 @@ static const struct cli_row rows[] = {
      "beyond chance that they are off; the report has both, with errors. gain: gain alone. Only "
      "pcg does it, with four cameras or more"},
     {"error-bars", "=K", CLI_KEY(OPT_BARS), 0, 0,
-     "give each voxel one standard deviation, from K more solves of each set (4 to 64, default "
-     "16): "
+     "give each voxel one standard deviation, from at most K more solves of each set (4 to 64, "
+     "default 16): "
      "noise, what the cameras cannot see, and the rig's uncertainty. An HDF5 file also keeps what "
      "`pyrovox value` needs for the bar of a sum. Takes up to 12 times as long. Only pcg can do "
      "it"},
