@@ -8,17 +8,21 @@
 #include "recon/frame/impl.h"
 #include "recon/frame/parts.h"
 
-#define JACK   1.15 /* (3) */
-#define GAP    10.0
-#define DRAWN  0.4 /* factor on (4) */
-#define DRAWS  4   /* of D, beside J: more of them tell little */
-#define LOST   3.0 /* (5) */
-#define UNSEEN 0.8
-#define MOST   6.0
-#define ROUGH  0.09
-#define LEAST  6  /* iterations, at least */
-#define VIEWS  80 /* J: iterations times cameras, at least: of few cameras each one matters more */
-#define POOR   25.0 /* doubt: sigma^2 over that of the dark */
+#define JACK    1.15 /* (3) */
+#define GAP     10.0
+#define DRAWN   0.4 /* factor on (4) */
+#define DRAWS   4   /* of D, beside J: more of them tell little */
+#define PRIOR   1.5 /* share of the prior in it, from a weight of 0.5 times the mean diagonal to 8 */
+#define DULL    0.5
+#define DULLEST 8.0
+#define LOST    3.0 /* (5) */
+#define UNSEEN  0.8
+#define MOST    6.0
+#define ROUGH   0.09
+#define LEAST   6  /* iterations, at least */
+#define VIEWS   80 /* J: iterations times cameras, at least: of few cameras each one matters more */
+#define POOR    25.0 /* doubt: sigma^2 over that of the dark */
+#define BLUR    0.5  /* doubt: f_r of (5) by the weight alone */
 
 struct rec_bars {
     uint32_t K;
@@ -113,8 +117,9 @@ double rec_bars_student(double n)
     return sqrt(1 + 2 / fmax(n - 2, 2));
 }
 
-uint32_t rec_bars_iterations(uint32_t done, uint32_t cameras)
+uint32_t rec_bars_iterations(const struct rec_solve_report *r, uint32_t cameras)
 {
+    uint32_t done = r->iterations - r->blended / 2;
     uint32_t least = cameras > 0 ? VIEWS / cameras : 0, all = done > LEAST ? done : LEAST;
     return all > least ? all : least;
 }
@@ -123,7 +128,7 @@ uint32_t rec_bars_iterations(uint32_t done, uint32_t cameras)
 static void bars_still(rec_bars *b, uint32_t cameras)
 {
     b->p = (struct rec_perturbation){.seed = b->p.seed};
-    b->p.iterations = rec_bars_iterations(b->f->report.solve.iterations, cameras);
+    b->p.iterations = rec_bars_iterations(&b->f->report.solve, cameras);
 }
 
 /* Second factor of (3). */
@@ -169,22 +174,30 @@ static void bars_about(rec_bars *b, float *d, const double by[4])
         d[i] = (float)by[i % b->cs] * (d[i] - b->f->x[i]);
 }
 
-void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone,
+/* Share of the prior in (4). */
+static double bars_prior(const struct rec_perturb_fit *fit, double rough)
+{
+    double weight = fit->unit > 0 ? fit->lambda / fit->unit : 0;
+    double over = weight > DULL ? fmin(1, log(weight / DULL) / log(DULLEST / DULL)) : 0;
+    return PRIOR * (1 - rough) * over;
+}
+
+void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone, double rough,
                     struct rec_perturbation *p, double by[4])
 {
     for (int l = 0; l < nch; l++) {
         p->sigma[l] = sqrt(fit[l].noise2);
-        p->prior[l] = alone ? 1 : 0;
+        p->prior[l] = alone ? 1 : bars_prior(&fit[l], rough);
         by[l] = alone ? 1 : DRAWN;
     }
 }
 
 /* D; alone: without J. */
-static void bars_draw(rec_bars *b, uint32_t drawn, bool alone)
+static void bars_draw(rec_bars *b, uint32_t drawn, bool alone, double rough)
 {
     double by[4] = {0};
     bars_still(b, 0);
-    rec_bars_drawn(b->fit, b->f->nch, alone, &b->p, by);
+    rec_bars_drawn(b->fit, b->f->nch, alone, rough, &b->p, by);
     for (int l = 0; l < b->f->nch; l++)
         by[l] *= rec_bars_student(drawn) / sqrt(drawn);
     for (b->p.draw = 0; b->p.draw < drawn; b->p.draw++)
@@ -206,35 +219,48 @@ static double detail_of(size_t best, const float *x, const float *mean, size_t n
     return x2 > 0 ? d2 / x2 : 0;
 }
 
+/* f of (5) by the weight alone. */
+static double bars_lost(const struct rec_perturb_fit *fit)
+{
+    return fit->unit > 0 ? LOST * fit->lambda / fit->unit : 0;
+}
+/* The channel that is known best. */
+static size_t bars_best(const struct rec_perturb_fit fit[4], size_t nch)
+{
+    size_t best = 0;
+    for (size_t l = 1; l < nch; l++)
+        best = fit[l].g > fit[best].g ? l : best;
+    return best;
+}
+
 double rec_bars_detail(struct rec_spread *s, const struct rec_perturb_fit fit[4], uint32_t cameras,
                        const float *x, float *mean, float *d)
 {
-    size_t best = 0, cs = (size_t)s->a->cs, n = (size_t)s->a->n, nch = cs == 4 ? 3 : 1;
+    size_t cs = (size_t)s->a->cs, n = (size_t)s->a->n, nch = cs == 4 ? 3 : 1;
     float by[4] = {0};
-    for (size_t l = 1; l < nch; l++)
-        best = fit[l].g > fit[best].g ? l : best;
     rec_spread_mean(s, x, d);
     rec_spread_mean(s, d, mean);
-    double rough = fmin(1, detail_of(best, x, mean, n, cs, d) / ROUGH), lost[4] = {0};
+    double rough = fmin(1, detail_of(bars_best(fit, nch), x, mean, n, cs, d) / ROUGH);
     for (size_t l = 0; l < nch; l++) {
         double unseen = UNSEEN * sqrt(bars_gaps(cameras) - 1);
-        lost[l] = fit[l].unit > 0 ? LOST * fit[l].lambda / fit[l].unit : 0;
-        by[l] = (float)(rough * fmin(MOST, lost[l] + unseen));
+        by[l] = (float)(rough * fmin(MOST, bars_lost(&fit[l]) + unseen));
     }
     for (size_t i = 0; i < n * cs; i++)
         d[i] *= by[i % cs];
-    return rough * lost[best];
+    return rough;
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------*/
 
-uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras, double lost)
+uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras,
+                        double rough)
 {
+    double lost = rough * bars_lost(&fit[bars_best(fit, (size_t)nch)]);
     uint32_t doubt = cameras < REC_BARS_CAMERAS ? REC_BARS_FEW_CAMERAS : 0;
     for (int l = 0; l < nch; l++)
         if (fit[l].dark2 > 0 && fit[l].noise2 > POOR * fit[l].dark2)
             doubt |= REC_BARS_POOR_FIT;
-    return lost > 1 ? doubt | REC_BARS_BLURRED : doubt;
+    return lost > BLUR ? doubt | REC_BARS_BLURRED : doubt;
 }
 
 pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars_view *out)
@@ -255,16 +281,16 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
     uint32_t left = few ? 0 : b->K / 2;
     left = left < cameras ? left : cameras;
     rec_spread_begin(&b->spread, f->sub);
+    double rough =
+        rec_bars_detail(&b->spread, b->fit, cameras, f->x, b->mean, bars_mode(b, out->n_modes++));
     if (left > 0)
         bars_leave(b, cameras, left);
-    bars_draw(b, few || b->K - left < DRAWS ? b->K - left : DRAWS, few);
+    bars_draw(b, few || b->K - left < DRAWS ? b->K - left : DRAWS, few, rough);
     rec_perturb_end(b->perturb);
-    double lost =
-        rec_bars_detail(&b->spread, b->fit, cameras, f->x, b->mean, bars_mode(b, out->n_modes++));
     rec_spread_deviations(&b->spread, b->modes, out->n_modes, b->sd);
     rec_spread_end(&b->spread);
     out->sd = b->sd;
     out->modes = b->modes;
-    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras, lost);
+    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras, rough);
     return PVX_OK;
 }

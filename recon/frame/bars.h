@@ -14,8 +14,9 @@
  *        misses in the pictures, so the model's error too.  Volumes x_k:
  *            d = DRAWN (x_k - x) / sqrt n                                                              (4)
  *        About x, not about their mean: what noise adds to a volume that cannot be negative is an error too.  J has noise
- *        already, but for smooth flames too little.  With too few cameras for J there is D alone: K draws of noise and
- *        prior, DRAWN is 1.
+ *        already, but for smooth flames too little.  These also deviate by the prior, by a share that rises with the
+ *        weight: J moves little where the weight holds the volume.  With too few cameras for J there is D alone: K draws
+ *        of noise and prior, DRAWN is 1.
  *     T  texture, without a solve: detail that the volume has at the scale of a few voxels, as a measure of the finer
  *        detail that it has lost.  With << >> the mean over a neighbourhood, r the channel that is known best and u_c the
  *        mean diagonal of A'WA,
@@ -52,7 +53,7 @@ extern "C" {
 enum {
     REC_BARS_POOR_FIT = 1,    /* the volume misses the pictures by far more than their noise */
     REC_BARS_FEW_CAMERAS = 2, /* fewer than REC_BARS_CAMERAS are believed */
-    REC_BARS_BLURRED = 16     /* noise hides detail: f_r of (5) by the weight alone is above 1 */
+    REC_BARS_BLURRED = 16     /* noise hides detail: f_r of (5) by the weight alone is above 0.5 */
 };
 
 typedef struct rec_bars rec_bars;

@@ -23,7 +23,7 @@
 #include "wrong.h"
 
 #define BOXES     300
-#define TURNS     3
+#define TURNS     2
 #define PLUME_AT  75
 #define PLUME_BIN 4
 #define COUNT(a)  (sizeof(a) / sizeof *(a))

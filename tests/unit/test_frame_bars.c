@@ -127,11 +127,11 @@ T_CASE(bars_hold_the_truth)
     }
 }
 
-/* Length of the last mode, T, over that of the volume. */
+/* Length of the first mode, T, over that of the volume. */
 static double texture(const struct case_ *k)
 {
     size_t vector = (size_t)k->v.n * (size_t)k->v.cs;
-    const float *d = k->v.modes + (k->v.n_modes - 1) * vector;
+    const float *d = k->v.modes;
     double d2 = 0, x2 = 0;
     for (size_t i = 0; i < vector; i++) {
         d2 += (double)d[i] * d[i];
