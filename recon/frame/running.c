@@ -15,7 +15,7 @@
 #define ENOUGH 8     /* of D, and each group of J, or there is a doubt */
 #define FRESH  4U    /* beside the number of a table */
 
-enum { J, D, H, N_KINDS };
+enum { J, D, T, N_KINDS };
 
 /* What is known after a solve: (2) added up over the kinds. */
 struct running_table {
@@ -37,9 +37,10 @@ struct rec_running {
     /* of add */
     rec_perturb *perturb;
     struct rec_spread spread;
-    float *x, *mean, *hue;                    /* [n][cs] */
+    float *x, *mean, *detail;                 /* [n][cs] */
     float *squares[N_KINDS], *light[N_KINDS]; /* [blocks][cs] E, L of (1) */
     float *around[3];                         /* [blocks][cs] work areas */
+    double rough;                             /* of parts.h, of the newest set */
     double weight[N_KINDS], weight2[N_KINDS]; /* sums of the weights and of their squares */
     uint32_t turn, fresh[N_KINDS], solves, iterations; /* fresh: since the cameras changed */
     unsigned has_age;
@@ -66,7 +67,7 @@ static size_t running_lay_out(struct rec_running *r, float *base)
     } const parts[] = {
         {&r->x, vector},
         {&r->mean, vector},
-        {&r->hue, vector},
+        {&r->detail, vector},
         {&r->sd, vector},
         {&r->spread.work[0], vector},
         {&r->spread.work[1], vector},
@@ -78,10 +79,10 @@ static size_t running_lay_out(struct rec_running *r, float *base)
         {(float **)&r->look.place, r->voxels},
         {&r->squares[J], blocks},
         {&r->squares[D], blocks},
-        {&r->squares[H], blocks},
+        {&r->squares[T], blocks},
         {&r->light[J], blocks},
         {&r->light[D], blocks},
-        {&r->light[H], blocks},
+        {&r->light[T], blocks},
         {&r->around[0], blocks},
         {&r->around[1], blocks},
         {&r->around[2], blocks},
@@ -201,7 +202,7 @@ static void running_around(const rec_running *r, const float *of, float *work, f
 static void running_ratio(rec_running *r, int kind, float *ratio)
 {
     double n = r->weight[kind] * r->weight[kind] / r->weight2[kind];
-    double c = kind == H ? 1 : rec_bars_student(n), sum[4] = {0}, light[4] = {0};
+    double c = kind == T ? 1 : rec_bars_student(n), sum[4] = {0}, light[4] = {0};
     float most[4] = {0}, *E = r->around[0], *L = r->around[1];
     size_t all = r->n_blocks * r->cs;
     running_around(r, r->squares[kind], r->around[2], E);
@@ -253,12 +254,12 @@ static int running_solve(rec_running *r, rec_frame *f, const struct rec_perturb_
                          uint64_t seed, double by[4])
 {
     bool out[REC_MAX_CAMERAS] = {false};
-    uint32_t cameras, done = f->report.solve.iterations;
+    uint32_t cameras;
     running_mask(f, &cameras);
     uint32_t groups = running_groups(cameras), group = groups > 0 ? r->turn / 2 % groups : 0;
     int kind = groups > 0 && r->turn % 2 == 0 ? J : D;
     struct rec_perturbation p = {.seed = seed};
-    p.iterations = rec_bars_iterations(done, kind == J ? cameras : 0);
+    p.iterations = rec_bars_iterations(&f->report.solve, kind == J ? cameras : 0);
     if (kind == J) {
         for (size_t c = 0, k = 0; c < f->S->n_cameras; c++)
             out[c] = f->believed[c] && k++ % groups == group;
@@ -267,7 +268,7 @@ static int running_solve(rec_running *r, rec_frame *f, const struct rec_perturb_
             by[l] = rec_bars_groups(cameras, groups) * groups;
     } else {
         double factor[4] = {0};
-        rec_bars_drawn(fit, f->nch, groups == 0, &p, factor);
+        rec_bars_drawn(fit, f->nch, groups == 0, r->rough, &p, factor);
         for (int l = 0; l < 4; l++)
             by[l] = factor[l] * factor[l];
     }
@@ -286,7 +287,7 @@ static void running_tell(rec_running *r, const struct rec_perturb_fit fit[4], co
     groups = running_groups(cameras);
     t->any = r->weight[D] > 0 && (groups == 0 || r->weight[J] > 0);
     t->late = r->fresh[D] < ENOUGH || r->fresh[J] < groups;
-    t->doubt = rec_bars_doubt(fit, f->nch, cameras);
+    t->doubt = rec_bars_doubt(fit, f->nch, cameras, r->rough);
     t->solves = r->solves;
     t->iterations = r->iterations;
     t->mask = mask;
@@ -316,24 +317,24 @@ bool rec_running_add(rec_running *r, rec_frame *f, const struct rec_running_set 
 {
     static const double as_it_is[4] = {1, 1, 1, 1};
     struct rec_perturb_fit fit[4];
+    uint32_t cameras;
     double by[4];
     if (set->age != rec_running_age(r) || !rec_solver_is_default(f->solver->p.solver) ||
         !rec_perturb_begin(r->perturb, rec_frame_problem(f), f->x, fit))
         return false;
     running_begin(r, f, set);
+    running_mask(f, &cameras);
+    rec_spread_begin(&r->spread, f->sub);
+    r->rough = rec_bars_detail(&r->spread, fit, cameras, f->x, r->mean, r->detail);
+    rec_spread_mean(&r->spread, f->x, r->mean);
+    rec_spread_end(&r->spread);
     int kind = running_solve(r, f, fit, set->seed, by);
     rec_perturb_end(r->perturb);
     size_t vector = (size_t)f->sub->n * r->cs;
     for (size_t i = 0; i < vector; i++)
         r->x[i] -= f->x[i];
-    rec_spread_begin(&r->spread, f->sub);
-    if (f->nch == 3)
-        rec_bars_hue(&r->spread, fit, f->x, r->mean, r->hue);
-    rec_spread_mean(&r->spread, f->x, r->mean);
-    rec_spread_end(&r->spread);
     running_gather(r, f->sub, kind, r->x, by);
-    if (f->nch == 3)
-        running_gather(r, f->sub, H, r->hue, as_it_is);
+    running_gather(r, f->sub, T, r->detail, as_it_is);
     running_tell(r, fit, f);
     return true;
 }

@@ -2,15 +2,15 @@
  *
  * bars.h repeats the solve of one frame K times.  Here a frame is repeated once: the sets take turns with a group of
  * cameras left out (J) and a draw (D), each in the order of bars.h.  With x' the repeated solution and
- *     s_J = j^2 G   from (3) of bars.h,   s_D = DRAWN^2   from (4),   s_H = 1, without a solve, of (5)
- * a set gives squares s e^2, e = x' - x, and d^2 of H.  A flame moves, so the next sets are bright elsewhere.  But how
+ *     s_J = j^2 G   from (3) of bars.h,   s_D = DRAWN^2   from (4),   s_T = 1, without a solve, of (5)
+ * a set gives squares s e^2, e = x' - x, and d^2 of T.  A flame moves, so the next sets are bright elsewhere.  But how
  * large the errors are for the light that is there stays: var x_q = R <x>_q with the mean <> over 3x3x3 active voxels
  * (spread.h), and R by parts of the volume.  For each kind k, over blocks B of 4x4x4 voxels,
  *     E_k(B) = sum over sets, newest first, of 0.9^i sum_(q in B) s e_q^2,   L_k(B) the same of <x>_q     (1)
  *     R_k(B) = (E_k(B+) + a E_k / L_k) / (L_k(B+) + a),   a = 0.05 max L_k(B+)                           (2)
  *     sd_q^2 = <x>_q sum_k c_k^2 R_k(B of q)                                                            (3)
  * B+: the block with its 26 neighbours; E_k, L_k without B: of the whole grid; c: the factor of Student's distribution
- * for (sum of weights)^2 / sum of squared weights solves, as in bars.h; 1 for H.  Sums over sets run over those that
+ * for (sum of weights)^2 / sum of squared weights solves, as in bars.h; 1 for T.  Sums over sets run over those that
  * had a solve of this kind.
  * J deviates from x, not from the mean of its group, because the groups are of different sets.
  * No modes: the bar of a sum over voxels does not follow from these bars.
