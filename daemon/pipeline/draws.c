@@ -51,13 +51,6 @@ static int64_t draws_cpu_ns(clockid_t of)
     return t.tv_sec * PVX_NS_PER_S + t.tv_nsec;
 }
 
-static void draws_release(dmn_draws *w, struct dmn_slot *s)
-{
-    rec_kept *k = rec_frame_release(s->frame);
-    s->again = false;
-    atomic_store(&w->spare, k);
-}
-
 static void draws_repeat(dmn_draws *w, struct dmn_slot *s)
 {
     const struct rec_running_set set = {.seed = s->set, .t_ns = s->t_exposure_ns, .age = s->age};
@@ -77,8 +70,10 @@ static void *draws_run(void *arg)
     while (pvx_queue_pop(w->queue, -1, &item) == PVX_OK) {
         struct dmn_slot *s = item;
         draws_repeat(w, s);
-        draws_release(w, s);
+        rec_kept *k = rec_frame_release(s->frame);
+        s->again = false;
         w->give_back(w->ctx, s);
+        atomic_store(&w->spare, k); /* after that: no two sets may hold systems for it */
     }
     return NULL;
 }
@@ -185,7 +180,9 @@ void dmn_draws_cancel(dmn_draws *w, struct dmn_slot *s)
     if (w == NULL || !s->again)
         return;
     atomic_fetch_add(&w->left_out[DMN_LEFT_OUT_VOID], 1);
-    draws_release(w, s);
+    rec_kept *k = rec_frame_release(s->frame);
+    s->again = false;
+    atomic_store(&w->spare, k);
 }
 
 /* ---- life ---------------------------------------------------------------------------------------*/
