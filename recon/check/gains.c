@@ -11,21 +11,21 @@
 #define MOST 0.7 /* largest change of a gain's logarithm in a round */
 
 struct gains {
-    const struct rec_unseen_params *p;
-    pvx_pool *pool;
+    size_t cameras;
+    rec_unseen *u; /* with the gains of the round */
     const struct rec_check_source *s;
     struct rec_gains_report *out;
-    struct rec_rig rig; /* with the gains of the round */
-    double *ratio;      /* [cameras][sets]: logarithms; NAN where a camera saw nothing */
-    double error2;      /* (2), summed over cameras and sets */
-    double noise2;      /* the same of noise alone */
+    double *ratio; /* [cameras][sets]: logarithms; NAN where a camera saw nothing */
+    double error2; /* (2), summed over cameras and sets */
+    double noise2; /* the same of noise alone */
     size_t errors;
     struct pvx_diag *d;
 };
 
 /* Camera c of the loaded set against the volume of the others. */
-static pvx_err gains_one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
+static pvx_err gains_one(struct gains *g, size_t c, double *ratio)
 {
+    rec_unseen *u = g->u;
     const rec_sysmat *S = rec_unseen_matrix(u);
     const float *p, *hull, *b = rec_unseen_b(u, c), *w = rec_unseen_weight(u, c);
     bool use[REC_MAX_CAMERAS];
@@ -59,13 +59,11 @@ static pvx_err gains_look(struct gains *g, const double *gain, size_t from, size
                           double *error)
 {
     struct rec_check_set set;
-    rec_unseen *u;
-    for (size_t c = 0; c < g->rig.n_cameras; c++)
-        for (int a = 0; a < 3; a++)
-            g->rig.cameras[c].gain[a] = (float)gain[c];
+    pvx_err e = PVX_OK;
+    for (size_t c = 0; c < g->cameras; c++)
+        rec_unseen_gain(g->u, c, gain[c]);
     g->error2 = g->noise2 = 0;
     g->errors = 0;
-    pvx_err e = rec_unseen_new(&g->rig, g->p, g->pool, &u, g->d);
     for (size_t k = from; k < to && e == PVX_OK; k++) {
         if (g->s->progress != NULL &&
             !g->s->progress(g->s->ctx, (double)(k - from) / (double)(to - from)))
@@ -73,15 +71,14 @@ static pvx_err gains_look(struct gains *g, const double *gain, size_t from, size
         if (e == PVX_OK)
             e = g->s->get(g->s->ctx, k, &set);
         if (e == PVX_OK)
-            rec_unseen_load(u, set.picture, set.floats);
-        for (size_t c = 0; c < g->rig.n_cameras && e == PVX_OK; c++) {
+            rec_unseen_load(g->u, set.picture, set.floats);
+        for (size_t c = 0; c < g->cameras && e == PVX_OK; c++) {
             double *ratio = &g->ratio[c * g->s->n + k];
             *ratio = NAN;
-            if (rec_unseen_present(u, c))
-                e = gains_one(g, u, c, ratio);
+            if (rec_unseen_present(g->u, c))
+                e = gains_one(g, c, ratio);
         }
     }
-    rec_unseen_free(&u);
     *error = g->errors > 0 ? sqrt(g->error2 / (double)g->errors) : 1;
     return e;
 }
@@ -103,7 +100,7 @@ static double gains_step(struct gains *g, double *gain, size_t *seen)
 {
     double by[REC_MAX_CAMERAS], mean = 0, most = 0;
     *seen = 0;
-    for (size_t c = 0; c < g->rig.n_cameras; c++) {
+    for (size_t c = 0; c < g->cameras; c++) {
         by[c] = STEP * gains_usual(g, c);
         if (!isfinite(by[c]))
             continue;
@@ -112,7 +109,7 @@ static double gains_step(struct gains *g, double *gain, size_t *seen)
         (*seen)++;
     }
     mean /= fmax((double)*seen, 1);
-    for (size_t c = 0; c < g->rig.n_cameras; c++)
+    for (size_t c = 0; c < g->cameras; c++)
         if (isfinite(by[c])) {
             gain[c] *= exp(by[c] - mean);
             most = fmax(most, fabs(by[c] - mean));
@@ -124,7 +121,7 @@ static pvx_err gains_rounds(struct gains *g, double *gain)
 {
     struct rec_gains_report *o = g->out;
     double now[REC_MAX_CAMERAS], unused;
-    size_t seen, n = g->rig.n_cameras;
+    size_t seen, n = g->cameras;
     memcpy(now, gain, n * sizeof *now);
     PVX_TRY(gains_look(g, gain, o->fitted, g->s->n, &o->error[0]));
     for (bool settled = false; !settled && o->rounds < REC_GAINS_ROUNDS; o->rounds++) {
@@ -150,7 +147,7 @@ pvx_err rec_gains(const struct rec_rig *rig, const struct rec_unseen_params *p, 
                   const struct rec_check_source *s, double gain[REC_MAX_CAMERAS],
                   struct rec_gains_report *out, struct pvx_diag *d)
 {
-    struct gains g = {.p = p, .pool = pool, .s = s, .out = out, .d = d};
+    struct gains g = {.cameras = rig->n_cameras, .s = s, .out = out, .d = d};
     size_t held = s->n / 3 > 0 ? s->n / 3 : 1;
     *out = (struct rec_gains_report){.fitted = s->n - held, .held_out = held};
     if (s->n < REC_GAINS_SETS)
@@ -159,10 +156,10 @@ pvx_err rec_gains(const struct rec_rig *rig, const struct rec_unseen_params *p, 
                         "fit and the rest to judge",
                         s->n, REC_GAINS_SETS);
     g.ratio = pvx_calloc(s->n * rig->n_cameras, sizeof *g.ratio);
-    pvx_err e = g.ratio == NULL ? PVX_ENOMEM : rec_rig_copy(rig, &g.rig);
+    pvx_err e = g.ratio == NULL ? PVX_ENOMEM : rec_unseen_new(rig, p, pool, &g.u, d);
     if (e == PVX_OK)
         e = gains_rounds(&g, gain);
-    rec_rig_fini(&g.rig);
+    rec_unseen_free(&g.u);
     free(g.ratio);
     return e;
 }

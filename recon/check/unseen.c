@@ -149,6 +149,12 @@ const rec_sysmat *rec_unseen_matrix(const rec_unseen *u)
     return u->S;
 }
 
+void rec_unseen_gain(rec_unseen *u, size_t camera, double gain)
+{
+    const float all[3] = {(float)gain, (float)gain, (float)gain};
+    rec_carver_gain(u->carver, camera, all);
+}
+
 /* Copies the set's raw pixels into the slot, since photometry works in place. */
 static void unseen_fill(rec_unseen *u, const bool *use)
 {

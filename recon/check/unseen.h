@@ -50,6 +50,8 @@ double rec_unseen_sigma(const rec_unseen *u);
 /* Share of the noise of a camera's dark that is clipped at black; *pedestal: what it lacks (photo.h). */
 double rec_unseen_cut(const rec_unseen *u, size_t camera, double *pedestal);
 
+/* Camera c's pictures are multiplied by this gain, instead of the rig's, from the next load on. */
+void rec_unseen_gain(rec_unseen *u, size_t camera, double gain);
 /* The flame absorbs from the next load or solve on.  Then b is its emission (absorb.h), and so is the result of
  * rec_unseen_project, not what is seen. */
 void rec_unseen_absorb(rec_unseen *u, double absorption);

@@ -106,6 +106,11 @@ void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p)
     k->p.photo = *p;
 }
 
+void rec_carver_gain(rec_carver *k, size_t camera, const float gain[3])
+{
+    memcpy(k->gain[camera], gain, sizeof k->gain[camera]);
+}
+
 void rec_carver_absorb(rec_carver *k, double absorption)
 {
     k->p.absorption = absorption;

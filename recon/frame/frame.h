@@ -94,6 +94,9 @@ PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const
 /* New photometry from the next set on.  Call on the carve stage's thread, between sets.  Allocates nothing. */
 void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p);
 
+/* New gains of camera c from the next set on.  Call as rec_carver_tune. */
+void rec_carver_gain(rec_carver *k, size_t camera, const float gain[3]);
+
 /* New absorption from the next set on.  Call as rec_carver_tune. */
 void rec_carver_absorb(rec_carver *k, double absorption);
 

@@ -1,8 +1,9 @@
 /* Entries -> windows (recon/simd/windows.h).  A camera's bins of a column are covered from the top.  A window begins
  * at the first row that has an uncovered bin, and at the leftmost uncovered bin of the rows that it spans.  The first
  * window is the column's own; the others go to `more`.
- *   count    chunks of columns: windows beyond the first, for each shape
- *   choose   the shape that takes the least memory; a window in `more` counts twice, because it is also slower
+ *   choose   the shape that takes the least memory, by every SAMPLE-th column; a window in `more` counts twice, because
+ *            it is also slower
+ *   count    chunks of columns: windows beyond the first
  *   fill     the chunks again
  *   settle   windows with rows of four begin at an even bin if their weights allow it, so that two bins of four
  *            channels, 32 bytes, never lie in two cache lines.  Those of columns 2i and 2i+1 of a row of voxels
@@ -14,8 +15,9 @@
 #include "base/mem.h"
 #include "recon/matrix/entries.h"
 
-#define CHUNK 4096 /* columns per task */
-#define BINS  1024 /* bins covered at a time; a column that has more is covered in pieces */
+#define CHUNK  4096 /* columns per task */
+#define BINS   1024 /* bins covered at a time; a column that has more is covered in pieces */
+#define SAMPLE 13   /* odd, so that it takes columns of all places of a row of voxels */
 
 static const struct shape {
     uint32_t high, wide;
@@ -25,14 +27,15 @@ static const struct shape {
 struct job {
     rec_sysmat *m;
     const struct rec_entries *e;
-    size_t N;                 /* columns */
-    uint64_t (*more)[SHAPES]; /* [chunks] windows in `more`, then the first of each chunk */
+    size_t N; /* columns */
+    uint64_t (*more)
+        [SHAPES]; /* [chunks] windows in `more`; of the shape chosen, then the first of each chunk */
     size_t shape;
 };
 
 /* Bins of one camera in one column, ascending. */
 struct bins {
-    uint32_t n, left;
+    uint32_t n, left, first; /* first: none before it is uncovered */
     uint16_t x[BINS], y[BINS];
     uint8_t val[BINS], in[BINS]; /* in: already in a window */
 };
@@ -53,13 +56,21 @@ static uint32_t load_bins(const struct job *j, size_t c, uint32_t from, uint32_t
     return from;
 }
 
+static void bins_uncover(struct bins *b)
+{
+    memset(b->in, 0, b->n);
+    b->left = b->n;
+    b->first = 0;
+}
+
 /* Takes the next window of the uncovered bins: returns its top left bin, and writes its weights. */
 static uint32_t next_window(const struct job *j, const struct shape *s, size_t c, struct bins *b,
                             uint8_t w[REC_WINDOW_MAX])
 {
-    uint32_t bw = (uint32_t)j->m->block[c].bw, bh = (uint32_t)j->m->block[c].bh, i = 0;
+    uint32_t bw = (uint32_t)j->m->block[c].bw, bh = (uint32_t)j->m->block[c].bh, i = b->first;
     while (b->in[i])
         i++;
+    b->first = i;
     uint32_t y = b->y[i], x = b->x[i];
     for (uint32_t k = i + 1; k < b->n && b->y[k] < y + s->high; k++)
         if (!b->in[k] && b->x[k] < x)
@@ -84,8 +95,8 @@ static uint32_t count_windows(const struct job *j, const struct shape *s, size_t
 {
     uint8_t w[REC_WINDOW_MAX];
     uint32_t n = 0;
-    memset(b->in, 0, b->n);
-    for (b->left = b->n; b->left > 0; n++)
+    bins_uncover(b);
+    for (; b->left > 0; n++)
         next_window(j, s, c, b, w);
     return n;
 }
@@ -95,17 +106,30 @@ static size_t windows_chunk_end(const struct job *j, size_t task)
     return (task + 1) * CHUNK < j->N ? (task + 1) * CHUNK : j->N;
 }
 
-static void count_chunk(void *ctx, size_t task)
+/* Windows beyond the first, of every step-th column of a chunk, for the shapes [s0, s1). */
+static void windows_count(struct job *j, size_t task, size_t step, size_t s0, size_t s1)
 {
-    struct job *j = ctx;
     struct bins b = {.n = 0};
-    for (size_t q = task * CHUNK; q < windows_chunk_end(j, task); q++) {
+    for (size_t s = s0; s < s1; s++)
+        j->more[task][s] = 0;
+    for (size_t q = task * CHUNK; q < windows_chunk_end(j, task); q += step) {
         uint32_t e = j->e->colptr[q], end = j->e->colptr[q + 1];
         for (size_t c = 0; c < j->m->n_cameras; c++)
             for (uint32_t own = 1; (e = load_bins(j, c, e, end, &b)), b.n > 0; own = 0)
-                for (size_t s = 0; s < SHAPES; s++)
+                for (size_t s = s0; s < s1; s++)
                     j->more[task][s] += count_windows(j, &shapes[s], c, &b) - own;
     }
+}
+
+static void sample_chunk(void *ctx, size_t task)
+{
+    windows_count(ctx, task, SAMPLE, 0, SHAPES);
+}
+
+static void count_chunk(void *ctx, size_t task)
+{
+    struct job *j = ctx;
+    windows_count(j, task, 1, j->shape, j->shape + 1);
 }
 
 static void fill_chunk(void *ctx, size_t task)
@@ -124,8 +148,8 @@ static void fill_chunk(void *ctx, size_t task)
             out->at[at + c] = out->nowhere;
         for (size_t c = 0; c < j->m->n_cameras; c++)
             for (bool own = true; (e = load_bins(j, c, e, end, &b)), b.n > 0;) {
-                memset(b.in, 0, b.n);
-                for (b.left = b.n; b.left > 0; own = false) {
+                bins_uncover(&b);
+                for (; b.left > 0; own = false) {
                     uint32_t first = next_window(j, s, c, &b, w);
                     struct rec_more *m = &out->more[more];
                     if (own) {
@@ -219,14 +243,14 @@ static void settle_chunk(void *ctx, size_t task)
     }
 }
 
-/* Chooses the shape of the least memory, and sums up j->more for it.  false: too many windows. */
-static bool windows_choose(struct job *j, size_t chunks)
+/* Chooses the shape of the least memory. */
+static void windows_choose(struct job *j, size_t chunks)
 {
     double least = 0;
     for (size_t s = 0; s < SHAPES; s++) {
         double more = 0, size = shapes[s].high * shapes[s].wide;
         for (size_t k = 0; k < chunks; k++)
-            more += (double)j->more[k][s];
+            more += SAMPLE * (double)j->more[k][s];
         double bytes = (double)j->N * j->m->win.slots * (sizeof *j->m->win.at + size) +
                        2 * more * sizeof(struct rec_more);
         if (s == 0 || bytes < least) {
@@ -234,14 +258,19 @@ static bool windows_choose(struct job *j, size_t chunks)
             j->shape = s;
         }
     }
+    j->m->win.high = (int32_t)shapes[j->shape].high;
+    j->m->win.wide = (int32_t)shapes[j->shape].wide;
+}
+
+/* Sums up j->more.  false: too many windows. */
+static bool windows_sum(struct job *j, size_t chunks)
+{
     uint64_t sum = 0;
     for (size_t k = 0; k < chunks; k++) {
         uint64_t n = j->more[k][j->shape];
         j->more[k][j->shape] = sum;
         sum += n;
     }
-    j->m->win.high = (int32_t)shapes[j->shape].high;
-    j->m->win.wide = (int32_t)shapes[j->shape].wide;
     j->m->win.n_more = (uint32_t)sum;
     return sum <= UINT32_MAX;
 }
@@ -270,8 +299,10 @@ pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool 
     rec_sysmat_window_frame(m);
     j.more = pvx_calloc(chunks, sizeof *j.more);
     PVX_NEED(j.more);
+    pvx_pool_run(pool, chunks, sample_chunk, &j);
+    windows_choose(&j, chunks);
     pvx_pool_run(pool, chunks, count_chunk, &j);
-    pvx_err err = windows_choose(&j, chunks) ? PVX_OK : PVX_ERANGE;
+    pvx_err err = windows_sum(&j, chunks) ? PVX_OK : PVX_ERANGE;
     if (err == PVX_OK) {
         struct rec_sparse_bytes z = rec_sparse_bytes(m);
         bool part = m->active != NULL;

@@ -74,6 +74,14 @@ static pvx_err views_advise(struct report *r, struct flame_sets *s, struct pvx_d
     return fclose(f) == 0 ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "out of memory for advice");
 }
 
+/* Only pictures between the first and the last volume. */
+static void views_between(struct flame_sets_args *a, const struct course *c)
+{
+    int64_t first = (int64_t)c->row[0].v.set, last = (int64_t)c->row[c->n - 1].v.set;
+    a->first = a->first > first ? a->first : first;
+    a->last = a->last < last ? a->last : last;
+}
+
 /* Pictures and volumes have the same set numbers, or they are of two recordings. */
 static pvx_err views_same(const struct report *r, const struct flame_sets *s, struct pvx_diag *d)
 {
@@ -93,6 +101,7 @@ pvx_err report_views(struct report *r, struct pvx_diag *d)
     struct flame_sets s;
     if (r->a.frames == NULL)
         return PVX_OK;
+    views_between(&r->a, &r->course);
     pvx_err e = flame_sets_load(&s, &r->a, d);
     PVX_THEN(e, views_same(r, &s, d));
     PVX_THEN(e, views_measure(r, &s, d));
