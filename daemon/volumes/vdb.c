@@ -1,6 +1,7 @@
 /* vdb.c - recordings of volumes in OpenVDB and NanoVDB: numbered files, made by the module. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include "daemon/volumes/numbered.h"
 #include "daemon/volumes/vdb_kelvin.h"
@@ -31,11 +32,13 @@ static pvx_err vdb_open_any(bool nano, void **self, const char *path, const stru
     struct vol_head mine = *head;
     bool in_kelvin = strcmp(head->start.units, VOL_UNITS_KELVIN) == 0;
     *self = NULL;
-    if (nano && in_kelvin)
+    if (nano && in_kelvin) {
+        (void)rmdir(path); /* which the check has made, if it is empty */
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: temperatures are not written as .nvdb, where a renderer would take "
                         "them for light: take vdb, hdf5 or npy",
                         path);
+    }
     if (in_kelvin)
         snprintf(mine.start.units, sizeof mine.start.units, VOL_UNITS_DENSITY);
     PVX_TRY(vol_vdb_need(path, &module, d));
