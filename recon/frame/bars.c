@@ -137,9 +137,10 @@ static double bars_gaps(uint32_t cameras)
     double gap = cameras > 1 ? fmax(1, (GAP - cameras) / (cameras - 1.0)) : 1;
     return gap * gap;
 }
-double rec_bars_groups(uint32_t cameras, uint32_t left)
+double rec_bars_groups(const struct rec_solve_report *r, uint32_t cameras, uint32_t left)
 {
-    return JACK * JACK * (1 - 1.0 / left) * bars_gaps(cameras);
+    double spared = fmax(1, (double)r->iterations / rec_bars_iterations(r, cameras));
+    return JACK * JACK * (1 - 1.0 / left) * bars_gaps(cameras) * spared;
 }
 
 /* J: the cameras in `left` groups. */
@@ -158,7 +159,8 @@ static void bars_leave(rec_bars *b, uint32_t cameras, uint32_t left)
         for (size_t i = 0; i < b->vector; i++)
             b->mean[i] += x[i];
     }
-    float by = (float)(sqrt(rec_bars_groups(cameras, left)) * rec_bars_student(left - 1)),
+    float by = (float)(sqrt(rec_bars_groups(&b->f->report.solve, cameras, left)) *
+                       rec_bars_student(left - 1)),
           each = 1 / (float)left;
     for (uint32_t k = first; k < b->out->n_modes; k++) {
         float *d = bars_mode(b, k);

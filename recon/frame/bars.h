@@ -6,10 +6,12 @@
  *     var(w'x) = sum_k (w'd_k)^2 + sum_q w_q^2 t_q^2     any sum over a region                         (2)
  * t^2 is sd^2 - sum d^2.  Three kinds of modes, N cameras believed:
  *     J  cameras are left out in G <= K/2 groups.  x_g is the volume without group g, m the mean of the x_g,
- *            d = j (x_g - m),   j^2 = JACK^2 (1 - 1/G) p^2,   p = max(1, (GAP - N)/(N - 1))             (3)
+ *            d = j (x_g - m),   j^2 = JACK^2 (1 - 1/G) p^2 s,   p = max(1, (GAP - N)/(N - 1))           (3)
  *        1 - 1/G is the factor of the jackknife.  p: between few cameras there are wide gaps, about which each camera
  *        tells something new.  These modes hold what belongs to one camera (noise, pose, gain, lens, time) and, since
  *        what a new view changes is what the views before could not see, much of the detail that no view shows.
+ *        s: the solve's iterations over those of J, at least 1.  Of iterations with the channels as one (blend.h) J makes
+ *        half as many, and the deviation grows as the root of their number.
  *     D  n <= DRAWS draws of noise (perturb.h), of sigma^2 = r'Wr / (m - g), the evidence's noise: what the volume
  *        misses in the pictures, so the model's error too.  Volumes x_k:
  *            d = DRAWN (x_k - x) / sqrt n                                                              (4)

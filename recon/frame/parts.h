@@ -8,8 +8,8 @@
 
 /* Factor by which a deviation from n of them is longer, since so few say little about their size. */
 double rec_bars_student(double n);
-/* j^2 of (3): `left` groups of `cameras`. */
-double rec_bars_groups(uint32_t cameras, uint32_t left);
+/* j^2 of (3): `left` groups of `cameras`, of a solve with this report. */
+double rec_bars_groups(const struct rec_solve_report *r, uint32_t cameras, uint32_t left);
 /* sigma and share of the prior of a draw into p, and the factor on its deviation, (4) without sqrt n, into by.  alone:
  * without J.  rough: of rec_bars_detail. */
 void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone, double rough,

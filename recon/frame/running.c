@@ -265,7 +265,7 @@ static int running_solve(rec_running *r, rec_frame *f, const struct rec_perturb_
             out[c] = f->believed[c] && k++ % groups == group;
         p.out = out;
         for (int l = 0; l < 4; l++)
-            by[l] = rec_bars_groups(cameras, groups) * groups;
+            by[l] = rec_bars_groups(&f->report.solve, cameras, groups) * groups;
     } else {
         double factor[4] = {0};
         rec_bars_drawn(fit, f->nch, groups == 0, r->rough, &p, factor);
