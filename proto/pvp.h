@@ -95,8 +95,8 @@ struct pvp_volume {
     X(0, POOR_FIT, "poor-fit",                                                             \
       "the model misses the pictures by more than noise, calibration and texture explain") \
     X(1, FEW_CAMERAS, "few-cameras", "there are fewer than five cameras")                  \
-    X(2, SHARED, "shared",                                                                 \
-      "an error that all cameras share shows, as absorption or an unknown body does")      \
+    X(2, FINE, "fine-detail",                                                              \
+      "the flame has detail as fine as its voxels, so finer detail is likely lost")        \
     X(3, LATE, "late", "too few draws have been made yet")                                 \
     X(4, BLURRED, "blurred", "noise hides detail that is finer than a few voxels")
 enum pvp_doubt {

@@ -50,7 +50,7 @@ void dmn_wire_volume(const struct dmn_slot *s, const struct pvp_grid *grid, stru
 
 _Static_assert(REC_BARS_POOR_FIT == (int)PVP_DOUBT_POOR_FIT &&
                    REC_BARS_FEW_CAMERAS == (int)PVP_DOUBT_FEW_CAMERAS &&
-                   REC_BARS_LATE == (int)PVP_DOUBT_LATE &&
+                   REC_BARS_FINE == (int)PVP_DOUBT_FINE && REC_BARS_LATE == (int)PVP_DOUBT_LATE &&
                    REC_BARS_BLURRED == (int)PVP_DOUBT_BLURRED,
                "doubts go out as they are");
 

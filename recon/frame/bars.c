@@ -22,6 +22,7 @@
 #define LEAST   6  /* iterations, at least */
 #define VIEWS   80 /* J: iterations times cameras, at least: of few cameras each one matters more */
 #define POOR    25.0 /* doubt: sigma^2 over that of the dark */
+#define FINE    0.4  /* doubt: R of (5) */
 #define BLUR    0.5  /* doubt: f_r of (5) by the weight alone */
 
 struct rec_bars {
@@ -176,30 +177,36 @@ static void bars_about(rec_bars *b, float *d, const double by[4])
         d[i] = (float)by[i % b->cs] * (d[i] - b->f->x[i]);
 }
 
+/* The last factor of (5), from R. */
+static double bars_rough(double detail)
+{
+    return fmin(1, detail / ROUGH);
+}
+
 /* Share of the prior in (4). */
-static double bars_prior(const struct rec_perturb_fit *fit, double rough)
+static double bars_prior(const struct rec_perturb_fit *fit, double detail)
 {
     double weight = fit->unit > 0 ? fit->lambda / fit->unit : 0;
     double over = weight > DULL ? fmin(1, log(weight / DULL) / log(DULLEST / DULL)) : 0;
-    return PRIOR * (1 - rough) * over;
+    return PRIOR * (1 - bars_rough(detail)) * over;
 }
 
-void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone, double rough,
+void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone, double detail,
                     struct rec_perturbation *p, double by[4])
 {
     for (int l = 0; l < nch; l++) {
         p->sigma[l] = sqrt(fit[l].noise2);
-        p->prior[l] = alone ? 1 : bars_prior(&fit[l], rough);
+        p->prior[l] = alone ? 1 : bars_prior(&fit[l], detail);
         by[l] = alone ? 1 : DRAWN;
     }
 }
 
 /* D; alone: without J. */
-static void bars_draw(rec_bars *b, uint32_t drawn, bool alone, double rough)
+static void bars_draw(rec_bars *b, uint32_t drawn, bool alone, double detail)
 {
     double by[4] = {0};
     bars_still(b, 0);
-    rec_bars_drawn(b->fit, b->f->nch, alone, rough, &b->p, by);
+    rec_bars_drawn(b->fit, b->f->nch, alone, detail, &b->p, by);
     for (int l = 0; l < b->f->nch; l++)
         by[l] *= rec_bars_student(drawn) / sqrt(drawn);
     for (b->p.draw = 0; b->p.draw < drawn; b->p.draw++)
@@ -242,26 +249,27 @@ double rec_bars_detail(struct rec_spread *s, const struct rec_perturb_fit fit[4]
     float by[4] = {0};
     rec_spread_mean(s, x, d);
     rec_spread_mean(s, d, mean);
-    double rough = fmin(1, detail_of(bars_best(fit, nch), x, mean, n, cs, d) / ROUGH);
+    double detail = detail_of(bars_best(fit, nch), x, mean, n, cs, d), rough = bars_rough(detail);
     for (size_t l = 0; l < nch; l++) {
         double unseen = UNSEEN * sqrt(bars_gaps(cameras) - 1);
         by[l] = (float)(rough * fmin(MOST, bars_lost(&fit[l]) + unseen));
     }
     for (size_t i = 0; i < n * cs; i++)
         d[i] *= by[i % cs];
-    return rough;
+    return detail;
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------*/
 
 uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras,
-                        double rough)
+                        double detail)
 {
-    double lost = rough * bars_lost(&fit[bars_best(fit, (size_t)nch)]);
+    double lost = bars_rough(detail) * bars_lost(&fit[bars_best(fit, (size_t)nch)]);
     uint32_t doubt = cameras < REC_BARS_CAMERAS ? REC_BARS_FEW_CAMERAS : 0;
     for (int l = 0; l < nch; l++)
         if (fit[l].dark2 > 0 && fit[l].noise2 > POOR * fit[l].dark2)
             doubt |= REC_BARS_POOR_FIT;
+    doubt |= detail > FINE ? REC_BARS_FINE : 0;
     return lost > BLUR ? doubt | REC_BARS_BLURRED : doubt;
 }
 
@@ -283,16 +291,16 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
     uint32_t left = few ? 0 : b->K / 2;
     left = left < cameras ? left : cameras;
     rec_spread_begin(&b->spread, f->sub);
-    double rough =
+    double detail =
         rec_bars_detail(&b->spread, b->fit, cameras, f->x, b->mean, bars_mode(b, out->n_modes++));
     if (left > 0)
         bars_leave(b, cameras, left);
-    bars_draw(b, few || b->K - left < DRAWS ? b->K - left : DRAWS, few, rough);
+    bars_draw(b, few || b->K - left < DRAWS ? b->K - left : DRAWS, few, detail);
     rec_perturb_end(b->perturb);
     rec_spread_deviations(&b->spread, b->modes, out->n_modes, b->sd);
     rec_spread_end(&b->spread);
     out->sd = b->sd;
     out->modes = b->modes;
-    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras, rough);
+    out->doubt = rec_bars_doubt(b->fit, f->nch, cameras, detail);
     return PVX_OK;
 }

@@ -55,7 +55,9 @@ extern "C" {
 enum {
     REC_BARS_POOR_FIT = 1,    /* the volume misses the pictures by far more than their noise */
     REC_BARS_FEW_CAMERAS = 2, /* fewer than REC_BARS_CAMERAS are believed */
-    REC_BARS_BLURRED = 16     /* noise hides detail: f_r of (5) by the weight alone is above 0.5 */
+    REC_BARS_FINE =
+        4, /* R of (5) is above 0.4: the flame is as fine as its voxels, and likely finer */
+    REC_BARS_BLURRED = 16 /* noise hides detail: f_r of (5) by the weight alone is above 0.5 */
 };
 
 typedef struct rec_bars rec_bars;

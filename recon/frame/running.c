@@ -40,7 +40,7 @@ struct rec_running {
     float *x, *mean, *detail;                 /* [n][cs] */
     float *squares[N_KINDS], *light[N_KINDS]; /* [blocks][cs] E, L of (1) */
     float *around[3];                         /* [blocks][cs] work areas */
-    double rough;                             /* of parts.h, of the newest set */
+    double part;                              /* R of (5) in bars.h, of the newest set */
     double weight[N_KINDS], weight2[N_KINDS]; /* sums of the weights and of their squares */
     uint32_t turn, fresh[N_KINDS], solves, iterations; /* fresh: since the cameras changed */
     unsigned has_age;
@@ -268,7 +268,7 @@ static int running_solve(rec_running *r, rec_frame *f, const struct rec_perturb_
             by[l] = rec_bars_groups(&f->report.solve, cameras, groups) * groups;
     } else {
         double factor[4] = {0};
-        rec_bars_drawn(fit, f->nch, groups == 0, r->rough, &p, factor);
+        rec_bars_drawn(fit, f->nch, groups == 0, r->part, &p, factor);
         for (int l = 0; l < 4; l++)
             by[l] = factor[l] * factor[l];
     }
@@ -287,7 +287,7 @@ static void running_tell(rec_running *r, const struct rec_perturb_fit fit[4], co
     groups = running_groups(cameras);
     t->any = r->weight[D] > 0 && (groups == 0 || r->weight[J] > 0);
     t->late = r->fresh[D] < ENOUGH || r->fresh[J] < groups;
-    t->doubt = rec_bars_doubt(fit, f->nch, cameras, r->rough);
+    t->doubt = rec_bars_doubt(fit, f->nch, cameras, r->part);
     t->solves = r->solves;
     t->iterations = r->iterations;
     t->mask = mask;
@@ -325,7 +325,7 @@ bool rec_running_add(rec_running *r, rec_frame *f, const struct rec_running_set 
     running_begin(r, f, set);
     running_mask(f, &cameras);
     rec_spread_begin(&r->spread, f->sub);
-    r->rough = rec_bars_detail(&r->spread, fit, cameras, f->x, r->mean, r->detail);
+    r->part = rec_bars_detail(&r->spread, fit, cameras, f->x, r->mean, r->detail);
     rec_spread_mean(&r->spread, f->x, r->mean);
     rec_spread_end(&r->spread);
     int kind = running_solve(r, f, fit, set->seed, by);

@@ -19,7 +19,7 @@
 #include "tests/lib/volumes.h"
 
 #define SHARE 0.4
-#define DOUBT (PVP_DOUBT_SHARED | PVP_DOUBT_LATE)
+#define DOUBT (PVP_DOUBT_FINE | PVP_DOUBT_LATE)
 
 static struct pvp_start start;
 

@@ -532,11 +532,11 @@ T_CASE(bars)
     uint8_t *volume = encode(&s, 0, &volume_len);
     T_EQ_I(pvp_encoder_new(&s.v.grid, PVP_F32, PVP_ZSTD, &e), PVX_OK);
     T_EQ_I(pvp_decoder_new(&dec), PVX_OK);
-    T_EQ_I(pvp_encode_bars(e, 3, &s.v, PVP_DOUBT_SHARED, &x, &msg, &len), PVX_OK);
+    T_EQ_I(pvp_encode_bars(e, 3, &s.v, PVP_DOUBT_FINE, &x, &msg, &len), PVX_OK);
     T_EQ_I(pvp_decode_volume(msg, len, &view, &d), PVX_EFORMAT);
     T_EQ_I(pvp_decode_bars(volume, volume_len, &view, &doubt, &d), PVX_EFORMAT);
     T_EQ_I(pvp_decode_bars(msg, len, &view, &doubt, &d), PVX_OK);
-    T_EQ_I(doubt, PVP_DOUBT_SHARED);
+    T_EQ_I(doubt, PVP_DOUBT_FINE);
     T_EQ_I(pvp_volume_unpack(dec, &view, dense, sizeof dense / sizeof *dense, &d), PVX_OK);
     T_OK(s.n > 0);
     for (uint32_t k = 0; k < 3 * s.n; k++)
@@ -550,7 +550,7 @@ T_CASE(bars)
     T_OK(!pvp_bars_fit(&view, &of));
     s.value[4] = -1e-3f;
     T_EQ_I(pvp_encode_bars(e, 4, &s.v, 0, &x, &msg, &len), PVX_EINVAL);
-    T_EQ_S(pvp_doubt_name(2), "shared");
+    T_EQ_S(pvp_doubt_name(2), "fine-detail");
     T_OK(strstr(pvp_doubt_sentence(3), "draws") != NULL);
     T_OK(pvp_doubt_name(5) == NULL && pvp_doubt_sentence(31) == NULL);
     pvp_decoder_free(&dec);
