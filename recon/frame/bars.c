@@ -10,9 +10,9 @@
 
 #define JACK    1.15 /* (3) */
 #define GAP     10.0
-#define DRAWN   0.4 /* factor on (4) */
+#define DRAWN   0.4 /* factor on (4) of a sharp flame */
 #define DRAWS   4   /* of D, beside J: more of them tell little */
-#define PRIOR   1.5 /* share of the prior in it, from a weight of 0.5 times the mean diagonal to 8 */
+#define PRIOR   0.6 /* share of the prior in it, from a weight of 0.5 times the mean diagonal to 8 */
 #define DULL    0.5
 #define DULLEST 8.0
 #define LOST    3.0 /* (5) */
@@ -196,8 +196,8 @@ void rec_bars_drawn(const struct rec_perturb_fit fit[4], int nch, bool alone, do
 {
     for (int l = 0; l < nch; l++) {
         p->sigma[l] = sqrt(fit[l].noise2);
-        p->prior[l] = alone ? 1 : bars_prior(&fit[l], detail);
-        by[l] = alone ? 1 : DRAWN;
+        by[l] = alone ? 1 : 1 - (1 - DRAWN) * bars_rough(detail);
+        p->prior[l] = alone ? 1 : bars_prior(&fit[l], detail) / by[l];
     }
 }
 

@@ -16,9 +16,9 @@
  *        misses in the pictures, so the model's error too.  Volumes x_k:
  *            d = DRAWN (x_k - x) / sqrt n                                                              (4)
  *        About x, not about their mean: what noise adds to a volume that cannot be negative is an error too.  J has noise
- *        already, but for smooth flames too little.  These also deviate by the prior, by a share that rises with the
- *        weight: J moves little where the weight holds the volume.  With too few cameras for J there is D alone: K draws
- *        of noise and prior, DRAWN is 1.
+ *        already: DRAWN is 0.4 for a sharp flame, and rises to 1 as R of (5) falls to 0.  There the draws also deviate by
+ *        the prior, by a share that rises with the weight, because J moves little where the weight holds the volume.
+ *        With too few cameras for J there is D alone: K draws of noise and prior, DRAWN is 1.
  *     T  texture, without a solve: detail that the volume has at the scale of a few voxels, as a measure of the finer
  *        detail that it has lost.  With << >> the mean over a neighbourhood, r the channel that is known best and u_c the
  *        mean diagonal of A'WA,

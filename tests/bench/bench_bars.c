@@ -9,11 +9,12 @@
  * `view`: mean square of what the view of a camera that no solve saw misses, over its predicted variance, with its own noise:
  * wanted 0.8 to 1.25.  `sd`: root mean square of the bars over that of the errors.  `cost`: processor time of a set with its bars over
  * that without, the least of TURNS each.
- * Constants were chosen on ring, campfire, gauss40 and ragged (`chosen on`); all others judge (`judged`).
- * doubt: bits of recon/frame/bars.h.  48^3, 120x90, trilinear, K = 16.
+ * bars_scenes.h has the flames on which constants were chosen (`chosen on`) and the others (`judged`).  doubt: bits of
+ * recon/frame/bars.h; marked: of a mean, percent of the flames that have one.  48^3, 120x90, trilinear, K = 16.
  *
  * plume: ScalarFlow's real capture, frame PLUME_AT, 64x96x64, each of the five cameras left out: `view` and,
- * for the same view, `sd`, with the noise that the other pictures have.
+ * for the same view, `sd`, with the noise that the other pictures have, over the pixels whose rays meet the hull and after
+ * the gain of that view.  outside: percent of its light whose rays meet no voxel.
  *
  *     bench_bars [FOLDER [FLAME [CASE]]] */
 #include "bars.h"
@@ -214,12 +215,6 @@ static void plume(FILE *csv, pvx_pool *pool)
         free(image[c]);
 }
 
-/* Constants were chosen on what is neither a judged flame nor a judged case. */
-static int bars_use(const struct bars_flame *f, const struct bars_case *k)
-{
-    return f->judged || k->judged;
-}
-
 /* Flames at 96^3 take minutes: some stand for all. */
 static bool bars_skips(const struct bars_flame *f, const struct bars_case *k)
 {
@@ -253,7 +248,7 @@ int main(int argc, char **argv)
             if (!bars_asked(argc, argv, 2, flame->name) || !bars_asked(argc, argv, 3, of->name) ||
                 bars_skips(flame, of) || !judge(flame, of, 1 + 100 * i + k, pool, &o))
                 continue;
-            int use = bars_use(flame, of);
+            int use = flame->judged;
             outcome_row(&o, v);
             mean_add(&mean[use][k], v);
             mean_add(&mean[use][COUNT(bars_cases)], v);
