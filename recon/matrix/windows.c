@@ -1,7 +1,7 @@
 /* Entries -> windows (recon/simd/windows.h).  A camera's bins of a column are covered from the top.  A window begins
  * at the first row that has an uncovered bin, and at the leftmost uncovered bin of the rows that it spans.  The first
  * window is the column's own; the others go to `more`.
- *   choose   the shape that takes the least memory, by every SAMPLE-th column; a window in `more` counts twice, because
+ *   choose   the shape that takes the least memory, by every SAMPLE-th column of a large S; a window in `more` counts twice, because
  *            it is also slower
  *   count    chunks of columns: windows beyond the first
  *   fill     the chunks again
@@ -17,7 +17,8 @@
 
 #define CHUNK  4096 /* columns per task */
 #define BINS   1024 /* bins covered at a time; a column that has more is covered in pieces */
-#define SAMPLE 13   /* odd, so that it takes columns of all places of a row of voxels */
+#define SAMPLE 13   /* odd: columns of all places of a row of voxels */
+#define LARGE  8192 /* columns */
 
 static const struct shape {
     uint32_t high, wide;
@@ -31,6 +32,7 @@ struct job {
     uint64_t (*more)
         [SHAPES]; /* [chunks] windows in `more`; of the shape chosen, then the first of each chunk */
     size_t shape;
+    size_t sample; /* a shape is chosen by every so many-th column */
 };
 
 /* Bins of one camera in one column, ascending. */
@@ -123,7 +125,8 @@ static void windows_count(struct job *j, size_t task, size_t step, size_t s0, si
 
 static void sample_chunk(void *ctx, size_t task)
 {
-    windows_count(ctx, task, SAMPLE, 0, SHAPES);
+    struct job *j = ctx;
+    windows_count(j, task, j->sample, 0, SHAPES);
 }
 
 static void count_chunk(void *ctx, size_t task)
@@ -250,7 +253,7 @@ static void windows_choose(struct job *j, size_t chunks)
     for (size_t s = 0; s < SHAPES; s++) {
         double more = 0, size = shapes[s].high * shapes[s].wide;
         for (size_t k = 0; k < chunks; k++)
-            more += SAMPLE * (double)j->more[k][s];
+            more += (double)(j->sample * j->more[k][s]);
         double bytes = (double)j->N * j->m->win.slots * (sizeof *j->m->win.at + size) +
                        2 * more * sizeof(struct rec_more);
         if (s == 0 || bytes < least) {
@@ -296,6 +299,7 @@ pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool 
     struct job j = {.m = m, .e = e, .N = rec_sysmat_columns(m)};
     struct rec_windows *w = &m->win;
     size_t chunks = (j.N + CHUNK - 1) / CHUNK;
+    j.sample = j.N < LARGE ? 1 : SAMPLE;
     rec_sysmat_window_frame(m);
     j.more = pvx_calloc(chunks, sizeof *j.more);
     PVX_NEED(j.more);
