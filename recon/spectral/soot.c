@@ -267,9 +267,13 @@ static double soot_best(const struct soot_fit *f, int *node)
                   : soot_between(f, other, at_other, u, at);
 }
 
-/* Bars of log f and 1/T: the inverse of J' W J. */
+/* Bars of log f and 1/T, from the inverse of J' W J, and their derivatives by e. */
+struct soot_bars {
+    double log_f_sd, u_sd, log_f_by_e[3], u_by_e[3];
+};
+
 static bool soot_bars(const struct soot_fit *f, const double seen[3], const double slope[3],
-                      double *log_f_sd, double *u_sd)
+                      struct soot_bars *out)
 {
     double ju[3];
     for (int q = 0; q < 3; q++)
@@ -278,12 +282,62 @@ static bool soot_bars(const struct soot_fit *f, const double seen[3], const doub
     double det = ff * uu - fu * fu;
     if (!(det > 1e-14 * ff * uu))
         return false;
-    *log_f_sd = sqrt(uu / det);
-    *u_sd = sqrt(ff / det);
+    out->log_f_sd = sqrt(uu / det);
+    out->u_sd = sqrt(ff / det);
+    for (int q = 0; q < 3; q++) {
+        const double *w = f->W + (ptrdiff_t)3 * q;
+        double jf_w = w[0] * seen[0] + w[1] * seen[1] + w[2] * seen[2];
+        double ju_w = w[0] * ju[0] + w[1] * ju[1] + w[2] * ju[2];
+        out->log_f_by_e[q] = (uu * jf_w - fu * ju_w) / det;
+        out->u_by_e[q] = (ff * ju_w - fu * jf_w) / det;
+    }
     return true;
 }
 
-static const struct rec_soot_voxel soot_nothing = {REC_SOOT_DARK, NAN, NAN, NAN, NAN, NAN};
+/* (4) */
+static void soot_misfit(const struct soot_fit *f, const double seen[3], const double slope[3],
+                        double scale, struct rec_soot_voxel *v)
+{
+    double h[3];
+    v->misfit = 0;
+    for (int q = 0; q < 3; q++) {
+        int r = (q + 1) % 3, s = (q + 2) % 3;
+        h[q] = seen[r] * seen[s] * (slope[s] - slope[r]); /* of seen x (seen slope) */
+    }
+    for (int q = 0; q < 3; q++) {
+        double by = h[q] / (h[1] * seen[1]);
+        v->misfit += by * (f->e[q] - seen[q]);
+        v->misfit_by_e[q] = by / scale;
+        v->misfit_by_k[q] = -by * seen[q];
+    }
+}
+
+/* Bars and derivatives of the temperature 1/u and the amount f, which is 0 where it is not known. */
+static void soot_derivatives(const struct soot_bars *b, const double seen[3], double u, double f,
+                             double scale, struct rec_soot_voxel *v)
+{
+    const double wide = sinh(2 * b->log_f_sd) / (2 * b->log_f_sd); /* the bar of f over f s */
+    v->kelvin = 1 / u;
+    v->kelvin_sd = b->u_sd / (u * u);
+    for (int q = 0; q < 3; q++) {
+        v->kelvin_by_e[q] = -b->u_by_e[q] / (u * u) / scale;
+        v->kelvin_by_k[q] = -v->kelvin_by_e[q] * seen[q] * scale;
+        v->f_by_e[q] = f * wide * b->log_f_by_e[q] / scale;
+        v->f_by_k[q] = -v->f_by_e[q] * seen[q] * scale;
+    }
+    if (f > 0) {
+        v->f = f;
+        v->f_sd = f * wide * b->log_f_sd;
+    }
+}
+
+static const struct rec_soot_voxel soot_nothing = {.state = REC_SOOT_DARK,
+                                                   .kelvin = NAN,
+                                                   .kelvin_sd = NAN,
+                                                   .f = NAN,
+                                                   .f_sd = NAN,
+                                                   .chi2 = NAN,
+                                                   .misfit = NAN};
 
 /* e and N over the largest |e|, so that no square is too small or too large. */
 static bool soot_scale(struct soot_fit *f, const double e[3], const double N[9], double *scale)
@@ -305,7 +359,8 @@ struct rec_soot_voxel rec_soot_solve(const rec_soot *m, const double e[3], const
 {
     struct soot_fit f = {.m = m};
     struct rec_soot_voxel v = soot_nothing;
-    double scale, g[3], slope[3], top, amount = 0, u = 0, log_f_sd, u_sd;
+    struct soot_bars bars;
+    double scale, g[3], slope[3], top, amount = 0, u = 0;
     int node = 0;
     if (!soot_scale(&f, e, N, &scale) || !(soot_light(&f) >= m->p.light))
         return v;
@@ -319,6 +374,7 @@ struct rec_soot_voxel rec_soot_solve(const rec_soot *m, const double e[3], const
         for (int q = 0; q < 3; q++)
             seen[q] = amount * g[q];
     }
+    soot_misfit(&f, seen, slope, scale, &v);
     if (v.chi2 > m->p.reject) {
         v.state = REC_SOOT_NOT;
         return v;
@@ -327,14 +383,9 @@ struct rec_soot_voxel rec_soot_solve(const rec_soot *m, const double e[3], const
         v.state = REC_SOOT_OUTSIDE;
         return v;
     }
-    if (!soot_bars(&f, seen, slope, &log_f_sd, &u_sd) || u_sd / u > REC_SOOT_DOUBT)
+    if (!soot_bars(&f, seen, slope, &bars) || bars.u_sd / u > REC_SOOT_DOUBT)
         return v;
     v.state = REC_SOOT_OK;
-    v.kelvin = 1 / u;
-    v.kelvin_sd = u_sd / (u * u);
-    if (m->absolute) {
-        v.f = amount * scale * exp(-top);
-        v.f_sd = v.f * sinh(2 * log_f_sd) / 2;
-    }
+    soot_derivatives(&bars, seen, u, m->absolute ? amount * scale * exp(-top) : 0, scale, &v);
     return v;
 }

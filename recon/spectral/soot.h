@@ -13,6 +13,12 @@
  * N covariance of e in the voxel, C covariance of log K (and REC_SOOT_OWN^2 on its diagonal).  Three values, two unknowns: one degree of freedom.
  * chi^2 above `reject` is no soot.  The bars are from (J' V^-1 J)^-1, J the derivatives of (1) by log f and 1/T: they
  * hold the calibration's share, which all voxels have in common, and not the doubt about E(m), a or the response's shape.
+ * For sums over voxels it matters what errors have in common, so the derivatives are given: (J' V^-1 J)^-1 J' V^-1 by e,
+ * and that times -f g by log K.
+ * log K that are off, and a response that is another one, move e from what soot can be, along h = g x dg/du:
+ *     misfit = h'(e - f g) / (h_1 f g_1)                                                           (4)
+ * the share by which the second channel (green) has more light than soot that fits the others.  chi^2 is its square over
+ * its variance, in one voxel.  Its mean over voxels tells a wrong curve that no voxel can tell.
  * log f is near normal, f is not: with the bar s of log f, that of f is f sinh(2 s) / 2, of which two hold 95 of 100.
  *
  * log I_q is kept at even steps of 1/T with its exact slope and is a cubic between (Hermite): off by less than
@@ -69,6 +75,10 @@ struct rec_soot_voxel {
     /* NAN unless REC_SOOT_OK.  f: NAN, too, where the calibration is not absolute */
     double kelvin, kelvin_sd, f, f_sd;
     double chi2; /* NAN where dark */
+    /* Only of OK: derivatives by e and by log K [3]; those of f by 0 where it is not known. */
+    double kelvin_by_e[3], kelvin_by_k[3], f_by_e[3], f_by_k[3];
+    /* Of OK and NOT: (4), and its derivatives. */
+    double misfit, misfit_by_e[3], misfit_by_k[3];
 };
 /* e [3]; N [9], positive definite.  Values that are not finite, and a covariance that is not one, are dark. */
 struct rec_soot_voxel rec_soot_solve(const rec_soot *m, const double e[3], const double N[9]);

@@ -264,6 +264,64 @@ T_CASE(two_bars_hold_95_of_100)
     }
 }
 
+/* a' N a + b' C b, and what each channel is doubted by itself. */
+static double spread_of(const double a[3], const double b[3], const double N[9], const double C[9])
+{
+    double var = 0;
+    for (int p = 0; p < 3; p++) {
+        for (int q = 0; q < 3; q++)
+            var += a[p] * N[3 * p + q] * a[q] + b[p] * C[3 * p + q] * b[q];
+        var += b[p] * b[p] * REC_SOOT_OWN * REC_SOOT_OWN;
+    }
+    return var;
+}
+
+/* The derivatives are those of small steps of e and of the constants, and the bars follow from them. */
+T_CASE(derivatives_by_light_and_calibration)
+{
+    for (int c = 0; c < CURVES; c++) {
+        struct rec_spectral s;
+        curves_camera(c, &s);
+        for (int q = 0; q < 9; q++)
+            s.covariance[q] = q % 4 == 0 ? 4e-6 : 3e-6;
+        rec_soot *m = soot_of(&s);
+        double e[3], N[9];
+        soot_light(&s, 1650, 2e-6, e);
+        e[1] *= 1.004;
+        for (int p = 0; p < 3; p++)
+            for (int q = 0; q < 3; q++)
+                N[3 * p + q] = (p == q ? 1 : 0.8) * 4e-5 * e[p] * e[q];
+        struct rec_soot_voxel v = rec_soot_solve(m, e, N);
+        T_EQ_I(v.state, REC_SOOT_OK);
+        T_NEAR(sqrt(spread_of(v.kelvin_by_e, v.kelvin_by_k, N, s.covariance)) / v.kelvin_sd, 1,
+               1e-6);
+        T_NEAR(sqrt(spread_of(v.f_by_e, v.f_by_k, N, s.covariance)) / v.f_sd, 1, 1e-6);
+        T_NEAR(v.misfit * v.misfit /
+                   spread_of(v.misfit_by_e, v.misfit_by_k, N, s.covariance) / v.chi2,
+               1, 0.02); /* V is taken at the fit before the last */
+        T_NEAR(v.misfit, 0.004, 4e-4);
+        for (int q = 0; q < 3; q++) {
+            double more[3] = {e[0], e[1], e[2]}, step = 1e-4;
+            struct rec_spectral off = s;
+            more[q] *= 1 + step;
+            struct rec_soot_voxel u = rec_soot_solve(m, more, N);
+            T_NEAR((u.kelvin - v.kelvin) / step / e[q], v.kelvin_by_e[q],
+                   0.03 * fabs(v.kelvin_by_e[q]) + 0.2 / e[q]);
+            T_NEAR((u.f - v.f) / step / e[q], v.f_by_e[q],
+                   0.04 * fabs(v.f_by_e[q]) + 2e-3 * v.f / e[q]);
+            T_NEAR((u.misfit - v.misfit) / step / e[q], v.misfit_by_e[q], 0.03 / e[q]);
+            off.constant[q] *= 1 + step;
+            rec_soot *k = soot_of(&off);
+            u = rec_soot_solve(k, e, N);
+            T_NEAR((u.kelvin - v.kelvin) / step, v.kelvin_by_k[q],
+                   0.03 * fabs(v.kelvin_by_k[q]) + 0.2);
+            T_NEAR((u.misfit - v.misfit) / step, v.misfit_by_k[q], 0.03);
+            rec_soot_free(&k);
+        }
+        rec_soot_free(&m);
+    }
+}
+
 T_CASE(a_blue_flame_is_not_soot)
 {
     for (int c = 0; c < CURVES; c++) {
