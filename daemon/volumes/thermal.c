@@ -12,12 +12,14 @@
 
 #define B     PVP_BRICK
 #define CELLS (B * B * B)
-enum { RANK = 4, SET_COLS = 3, LEVEL_OF_DEFLATE = 4 };
+enum { RANK = 4, SET_COLS = 4, LEVEL_OF_DEFLATE = 4, MODED = 2 };
 
 struct vol_thermal {
     char *path;
     struct take_h5_room room;
     hid_t file, field[VOL_THERMAL_MOST], col[SET_COLS];
+    hid_t modes[MODED]; /* -1: no set has had any */
+    uint32_t n_modes;   /* of a set, at most, so far */
     struct vol_thermal_field about[VOL_THERMAL_MOST];
     int n;
     struct pvp_grid grid;
@@ -92,8 +94,8 @@ static bool thermal_field(vol_thermal *t, int k)
 
 static bool thermal_columns(vol_thermal *t)
 {
-    static const char *const names[SET_COLS] = {"time", "t_exposure_ns", "number"};
-    const hid_t types[SET_COLS] = {H5T_IEEE_F64LE, H5T_STD_I64LE, H5T_STD_U64LE};
+    static const char *const names[SET_COLS] = {"time", "t_exposure_ns", "modes", "number"};
+    const hid_t types[SET_COLS] = {H5T_IEEE_F64LE, H5T_STD_I64LE, H5T_STD_U32LE, H5T_STD_U64LE};
     hsize_t rows = VOL_ROWS;
     hid_t sets = H5Gcreate2(t->file, "sets", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     bool ok = sets >= 0;
@@ -129,7 +131,7 @@ pvx_err vol_thermal_open(const char *path, const struct vol_head *head,
     vol_thermal *t = pvx_calloc(1, sizeof *t);
     PVX_NEED(t);
     t->room.fd = -1;
-    t->file = -1;
+    t->file = t->modes[0] = t->modes[1] = -1;
     t->n = n;
     memcpy(t->about, field, (size_t)n * sizeof *field);
     t->grid = head->start.grid;
@@ -157,9 +159,17 @@ pvx_err vol_thermal_note(vol_thermal *t, const char *key, double number, const c
 
 /* ---- one set ------------------------------------------------------------------------------------ */
 
-/* A field in the chunk that begins at `at`, [z][y][x] of `n`; false: nothing in it. */
-static bool thermal_chunk(const vol_thermal *t, const float *value, const uint32_t at[3],
-                          const hsize_t n[RANK], bool small, float *out)
+/* One plane of a set: a field, or one of its modes. */
+struct plane {
+    hid_t into;
+    int mode;          /* -1: the dataset has none */
+    float none;        /* where there is nothing: NAN or 0 */
+    const float *from; /* [n_bricks][8^3] */
+};
+
+/* The plane in the chunk that begins at `at`, [z][y][x] of `n`; false: nothing in it. */
+static bool thermal_chunk(const vol_thermal *t, const struct plane *p, const uint32_t at[3],
+                          const hsize_t n[RANK], float *out)
 {
     bool some = false;
     for (uint32_t k = 0; k < n[1]; k++)
@@ -167,32 +177,37 @@ static bool thermal_chunk(const vol_thermal *t, const float *value, const uint32
             for (uint32_t i = 0; i < n[3]; i++, out++) {
                 uint32_t x = at[0] + i, y = at[1] + j, z = at[2] + k;
                 uint32_t b = t->brick_at[(z / B * t->nb[1] + y / B) * t->nb[0] + x / B];
-                *out = b == 0 ? (small ? 0.0F : NAN)
-                              : value[(size_t)(b - 1) * CELLS + (z % B * B + y % B) * B + x % B];
-                some |= small ? *out > 0 : !isnan(*out);
+                *out = b == 0 ? p->none
+                              : p->from[(size_t)(b - 1) * CELLS + (z % B * B + y % B) * B + x % B];
+                some |= isnan(p->none) ? !isnan(*out) : *out != 0;
             }
     return some;
 }
 
-static bool thermal_write(vol_thermal *t, int k, const float *value, hid_t space)
+static bool thermal_write(vol_thermal *t, const struct plane *p)
 {
     const struct vol_tiles *c = &t->t;
+    const int lead = p->mode >= 0 ? 2 : 1;
+    hid_t space = H5Dget_space(p->into);
     bool ok = true;
     for (uint32_t id = 0; id < c->all && ok; id++) {
         const uint32_t at[3] = {id % c->n[0] * c->side[0], id / c->n[0] % c->n[1] * c->side[1],
                                 id / c->n[0] / c->n[1] * c->side[2]};
-        hsize_t from[RANK] = {t->n_sets, at[2], at[1], at[0]}, n[RANK] = {1};
+        hsize_t from[RANK + 1] = {t->n_sets, p->mode >= 0 ? (hsize_t)p->mode : 0};
+        hsize_t n[RANK + 1] = {1, 1}, flat[RANK] = {1};
         for (int a = 0; a < 3; a++) {
             uint32_t left = t->grid.n[a] - at[a];
-            n[3 - a] = left < c->side[a] ? left : c->side[a];
+            from[lead + 2 - a] = at[a];
+            n[lead + 2 - a] = flat[3 - a] = left < c->side[a] ? left : c->side[a];
         }
-        if (!thermal_chunk(t, value, at, n, t->about[k].small, t->chunk))
+        if (!thermal_chunk(t, p, at, flat, t->chunk))
             continue;
-        hid_t memory = H5Screate_simple(RANK, n, NULL);
+        hid_t memory = H5Screate_simple(RANK, flat, NULL);
         ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, from, NULL, n, NULL) >= 0 &&
-             H5Dwrite(t->field[k], H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, t->chunk) >= 0;
+             H5Dwrite(p->into, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, t->chunk) >= 0;
         H5Sclose(memory);
     }
+    H5Sclose(space);
     return ok;
 }
 
@@ -202,16 +217,57 @@ static bool thermal_set(vol_thermal *t, const float *const *value)
     const hsize_t all[RANK] = {t->n_sets + 1, g->n[2], g->n[1], g->n[0]};
     bool ok = true;
     for (int k = 0; k < t->n && ok; k++) {
-        ok = H5Dset_extent(t->field[k], all) >= 0;
-        hid_t space = H5Dget_space(t->field[k]);
-        ok = ok && thermal_write(t, k, value[k], space);
-        H5Sclose(space);
+        const struct plane p = {t->field[k], -1, t->about[k].small ? 0.0F : NAN, value[k]};
+        ok = H5Dset_extent(t->field[k], all) >= 0 && thermal_write(t, &p);
+    }
+    return ok;
+}
+
+/* The datasets of modes, from the first set on that has some. */
+static bool thermal_make_modes(vol_thermal *t, uint32_t n)
+{
+    static const char *const names[MODED] = {"temperature_modes", "soot_modes"},
+                             *const units[MODED] = {"K", "ppm"};
+    const struct pvp_grid *g = &t->grid;
+    const hsize_t now[RANK + 1] = {t->n_sets, n, g->n[2], g->n[1], g->n[0]};
+    const hsize_t most[RANK + 1] = {H5S_UNLIMITED, H5S_UNLIMITED, g->n[2], g->n[1], g->n[0]};
+    const hsize_t chunk[RANK + 1] = {1, 1, t->t.side[2], t->t.side[1], t->t.side[0]};
+    hid_t space = H5Screate_simple(RANK + 1, now, most), p = H5Pcreate(H5P_DATASET_CREATE);
+    bool ok = true;
+    H5Pset_chunk(p, RANK + 1, chunk);
+    H5Pset_shuffle(p);
+    H5Pset_deflate(p, LEVEL_OF_DEFLATE);
+    for (int k = 0; k < MODED && ok; k++) {
+        t->modes[k] =
+            H5Dcreate2(t->file, names[k], H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT);
+        ok = t->modes[k] >= 0 && take_h5_put_text(t->modes[k], "units", units[k]);
+    }
+    H5Pclose(p);
+    H5Sclose(space);
+    return ok;
+}
+
+static bool thermal_modes(vol_thermal *t, const struct vol_volume *v,
+                          const struct vol_thermal_modes *m)
+{
+    const struct pvp_grid *g = &t->grid;
+    const float *const from[MODED] = {m->kelvin, m->soot};
+    t->n_modes = m->n > t->n_modes ? m->n : t->n_modes;
+    bool ok = t->modes[0] >= 0 || m->n == 0 || thermal_make_modes(t, m->n);
+    const hsize_t all[RANK + 1] = {t->n_sets + 1, t->n_modes, g->n[2], g->n[1], g->n[0]};
+    for (int k = 0; k < MODED && ok && t->modes[0] >= 0; k++) {
+        ok = H5Dset_extent(t->modes[k], all) >= 0;
+        for (uint32_t i = 0; i < m->n && ok; i++) {
+            const struct plane p = {t->modes[k], (int)i, 0,
+                                    from[k] + (size_t)i * v->n_bricks * CELLS};
+            ok = thermal_write(t, &p);
+        }
     }
     return ok;
 }
 
 pvx_err vol_thermal_put(vol_thermal *t, const struct vol_volume *v, const float *const *value,
-                        struct pvx_diag *d)
+                        const struct vol_thermal_modes *modes, struct pvx_diag *d)
 {
     take_h5_init();
     if (memcmp(v->v.grid.n, t->grid.n, sizeof t->grid.n) != 0)
@@ -220,8 +276,10 @@ pvx_err vol_thermal_put(vol_thermal *t, const struct vol_volume *v, const float 
     for (uint32_t b = 0; b < v->n_bricks; b++)
         t->brick_at[v->ids[b]] = b + 1;
     pvx_err e = take_h5_reserve(&t->room, t->file, t->path,
-                                (uint64_t)v->n_bricks * CELLS * sizeof(float) * (uint64_t)t->n, d);
-    bool ok = e == PVX_OK && thermal_set(t, value);
+                                (uint64_t)v->n_bricks * CELLS * sizeof(float) *
+                                    ((uint64_t)t->n + (uint64_t)MODED * modes->n),
+                                d);
+    bool ok = e == PVX_OK && thermal_set(t, value) && thermal_modes(t, v, modes);
     for (uint32_t b = 0; b < v->n_bricks; b++)
         t->brick_at[v->ids[b]] = 0;
     PVX_TRY(e);
@@ -230,7 +288,8 @@ pvx_err vol_thermal_put(vol_thermal *t, const struct vol_volume *v, const float 
     double time = (double)(v->v.t_exposure_ns - t->t_first_ns) * 1e-9;
     ok = ok && take_h5_append(t->col[0], H5T_NATIVE_DOUBLE, 0, t->n_sets, 1, &time) &&
          take_h5_append(t->col[1], H5T_NATIVE_INT64, 0, t->n_sets, 1, &v->v.t_exposure_ns) &&
-         take_h5_append(t->col[2], H5T_NATIVE_UINT64, 0, t->n_sets, 1, &v->v.set);
+         take_h5_append(t->col[2], H5T_NATIVE_UINT32, 0, t->n_sets, 1, &modes->n) &&
+         take_h5_append(t->col[3], H5T_NATIVE_UINT64, 0, t->n_sets, 1, &v->v.set);
     if (!ok)
         return thermal_fail(t, "cannot be written", d);
     t->n_sets++;

@@ -7,7 +7,7 @@
 #include "base/mem.h"
 #include "daemon/volumes/hdf5.h"
 
-enum { RANK = 4 };
+enum { RANK = 4, MODED = 2 };
 
 struct vol_thermal_reader {
     char *path;
@@ -15,7 +15,10 @@ struct vol_thermal_reader {
     struct pvp_grid grid;
     uint64_t n;
     size_t voxels;
-    float *room; /* [VOL_THERMAL_READ][voxels] */
+    float *room;                 /* [VOL_THERMAL_READ][voxels] */
+    hid_t modes[MODED], n_modes; /* -1: not in this file */
+    uint32_t most_modes;
+    float *mode; /* [voxels] */
 };
 
 bool vol_is_thermal(const char *path)
@@ -77,6 +80,38 @@ static pvx_err thermal_fields(vol_thermal_reader *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* Modes, if the file has some. */
+static pvx_err thermal_modes(vol_thermal_reader *r, struct pvx_diag *d)
+{
+    static const char *const names[MODED] = {"temperature_modes", "soot_modes"};
+    const hsize_t want[RANK + 1] = {r->n, 0, r->grid.n[2], r->grid.n[1], r->grid.n[0]};
+    uint64_t rows = 0;
+    if (H5Lexists(r->file, names[0], H5P_DEFAULT) <= 0)
+        return PVX_OK;
+    for (int k = 0; k < MODED; k++) {
+        hsize_t dims[RANK + 1] = {0};
+        if (H5Lexists(r->file, names[k], H5P_DEFAULT) <= 0 ||
+            (r->modes[k] = H5Dopen2(r->file, names[k], H5P_DEFAULT)) < 0)
+            return thermal_wrong(r, d, names[k]);
+        hid_t space = H5Dget_space(r->modes[k]), type = H5Dget_type(r->modes[k]);
+        bool ok = H5Sget_simple_extent_ndims(space) == RANK + 1 &&
+                  H5Sget_simple_extent_dims(space, dims, NULL) == RANK + 1 &&
+                  take_h5_is_inside(r->modes[k]) && H5Tget_class(type) == H5T_FLOAT;
+        H5Sclose(space);
+        H5Tclose(type);
+        for (int a = 0; a <= RANK && ok; a++)
+            ok = a == 1 ? dims[a] <= VOL_MODES_MAX + VOL_THERMAL_COMMON : dims[a] == want[a];
+        if (!ok)
+            return thermal_wrong(r, d, names[k]);
+        r->most_modes = (uint32_t)dims[1];
+    }
+    r->n_modes = take_h5_open_table(r->file, "sets/modes", H5T_STD_U32LE, 1, NULL, &rows);
+    r->mode = malloc(r->voxels * sizeof *r->mode);
+    return r->n_modes < 0 || rows != r->n ? thermal_wrong(r, d, "sets/modes")
+           : r->mode == NULL              ? PVX_ENOMEM
+                                          : PVX_OK;
+}
+
 static pvx_err thermal_begin(vol_thermal_reader *r, struct pvx_diag *d)
 {
     int64_t version = 0, closed = 0;
@@ -106,7 +141,7 @@ static pvx_err thermal_begin(vol_thermal_reader *r, struct pvx_diag *d)
         return thermal_wrong(r, d, "sets");
     r->voxels = pvp_grid_count(&r->grid);
     r->room = malloc(VOL_THERMAL_READ * r->voxels * sizeof *r->room);
-    return r->room != NULL ? PVX_OK
+    return r->room != NULL ? thermal_modes(r, d)
                            : pvx_fail(d, PVX_ENOMEM, "%s: no memory for a set of %zu voxels",
                                       r->path, r->voxels);
 }
@@ -116,7 +151,7 @@ pvx_err vol_thermal_read(const char *path, vol_thermal_reader **out, struct pvx_
     take_h5_init();
     vol_thermal_reader *r = *out = pvx_calloc(1, sizeof *r);
     PVX_NEED(r);
-    r->file = r->number = r->taken = -1;
+    r->file = r->number = r->taken = r->n_modes = r->modes[0] = r->modes[1] = -1;
     for (int k = 0; k < VOL_THERMAL_READ; k++)
         r->field[k] = -1;
     r->path = strdup(path);
@@ -134,6 +169,7 @@ void vol_thermal_read_close(vol_thermal_reader **r)
     if ((*r)->file >= 0)
         H5Fclose((*r)->file); /* and all that is open in it */
     free((*r)->room);
+    free((*r)->mode);
     free((*r)->path);
     PVX_FREE(*r);
 }
@@ -156,6 +192,10 @@ pvx_err vol_thermal_get(vol_thermal_reader *r, uint64_t k, struct vol_thermal_se
     bool ok = k < r->n &&
               take_h5_read_rows(r->number, H5T_NATIVE_UINT64, 1, 0, k, 1, &out->number) &&
               take_h5_read_rows(r->taken, H5T_NATIVE_INT64, 1, 0, k, 1, &out->t_exposure_ns);
+    out->n_modes = 0;
+    if (r->n_modes >= 0)
+        ok = ok && take_h5_read_rows(r->n_modes, H5T_NATIVE_UINT32, 1, 0, k, 1, &out->n_modes) &&
+             out->n_modes <= r->most_modes;
     for (int i = 0; i < VOL_THERMAL_READ && ok; i++) {
         hid_t space = H5Dget_space(r->field[i]), memory = H5Screate_simple(RANK, n, NULL);
         float *to = r->room + (size_t)i * r->voxels;
@@ -170,4 +210,27 @@ pvx_err vol_thermal_get(vol_thermal_reader *r, uint64_t k, struct vol_thermal_se
     return ok ? PVX_OK
               : take_h5_fail(d, PVX_ECORRUPT, r->path,
                              "a set cannot be read, or has impossible numbers");
+}
+
+pvx_err vol_thermal_mode(vol_thermal_reader *r, uint64_t k, int field, uint32_t m,
+                         const float **out, struct pvx_diag *d)
+{
+    const hsize_t from[RANK + 1] = {k, m},
+                              n[RANK + 1] = {1, 1, r->grid.n[2], r->grid.n[1], r->grid.n[0]};
+    const hid_t set = r->modes[field == VOL_SOOT];
+    take_h5_init();
+    bool ok = k < r->n && set >= 0 && m < r->most_modes;
+    if (ok) {
+        hid_t space = H5Dget_space(set), memory = H5Screate_simple(RANK + 1, n, NULL);
+        ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, from, NULL, n, NULL) >= 0 &&
+             H5Dread(set, H5T_NATIVE_FLOAT, memory, space, H5P_DEFAULT, r->mode) >= 0;
+        H5Sclose(memory);
+        H5Sclose(space);
+    }
+    for (size_t q = 0; q < r->voxels && ok; q++)
+        ok = isfinite(r->mode[q]);
+    *out = r->mode;
+    return ok ? PVX_OK
+              : take_h5_fail(d, PVX_ECORRUPT, r->path,
+                             "the modes of a set cannot be read, or have impossible numbers");
 }

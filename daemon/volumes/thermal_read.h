@@ -20,8 +20,12 @@ struct vol_thermal_set {
     uint64_t number;
     int64_t t_exposure_ns;
     const float *value[VOL_THERMAL_READ]; /* [nz][ny][nx], NAN where there is none; K and ppm */
+    uint32_t n_modes;                     /* 0: not known, so that means have no bar */
 };
 /* Set k; borrowed until the next call. */
 PVX_MUST_CHECK pvx_err vol_thermal_get(vol_thermal_reader *r, uint64_t k,
                                        struct vol_thermal_set *out, struct pvx_diag *d);
+/* Mode m of set k, of VOL_KELVIN or VOL_SOOT: [nz][ny][nx], 0 where there is no number; borrowed until the next call. */
+PVX_MUST_CHECK pvx_err vol_thermal_mode(vol_thermal_reader *r, uint64_t k, int field, uint32_t m,
+                                        const float **out, struct pvx_diag *d);
 #endif

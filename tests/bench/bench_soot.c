@@ -46,19 +46,39 @@ static double absorption(const struct soot_flame *f, const struct soot_cameras *
     return kappa / light;
 }
 
+/* The mean misfit by the right curves, and by those of the other cameras calibrated by the same lamp. */
+static void lean(const struct soot_cameras *k, int c, const struct rec_sparse *v,
+                 const struct rec_bars_view *view, char *text, size_t size)
+{
+    size_t n = 0;
+    for (int i = 0; i < CURVES; i++) {
+        struct rec_spectral s = k->s[(c + i) % CURVES];
+        rec_soot *m;
+        double mean;
+        for (int q = 0; q < 3 && i > 0; q++)
+            s.constant[q] = k->s[c].constant[q] *
+                            rec_planck_channel(&k->s[c], q, 2850, NULL, NULL, NULL) /
+                            rec_planck_channel(&s, q, 2850, NULL, NULL, NULL);
+        CHECK(rec_soot_new(&s, &rec_soot_defaults, &m, NULL));
+        double z = soot_lean(m, s.covariance, v, view, &mean);
+        n += (size_t)snprintf(text + n, size - n, ",%.2f,%.1f", 100 * mean, z);
+        rec_soot_free(&m);
+    }
+}
+
 static void row(FILE *csv, const char *name, int c, int bits, const char *absorbed,
-                const struct soot_score *s)
+                const struct soot_score *s, const char *leans)
 {
     double all = 0;
     for (int k = 0; k < REC_N_SOOT_STATES; k++)
         all += (double)s->state[k];
     for (int k = 0; k < SOOT_CLASSES; k++) {
         double n = fmax((double)s->known[k], 1);
-        bench_row(csv, "%s,%d,%d,%s,%s,%zu,%.2f,%.2f,%+.2f,%.1f,%.1f,%.1f,%.1f", name, c, bits,
+        bench_row(csv, "%s,%d,%d,%s,%s,%zu,%.2f,%.2f,%+.2f,%.1f,%.1f,%.1f,%.1f%s", name, c, bits,
                   absorbed, k == 0 ? ">20" : "5..20", s->known[k], 100 * soot_quantile(s, k, 0.5),
                   100 * soot_quantile(s, k, 0.95), 100 * s->mean[k], 100 * (double)s->held_t[k] / n,
                   100 * (double)s->held_f[k] / n, 100 * (double)s->state[REC_SOOT_OK] / all,
-                  100 * (double)s->state[REC_SOOT_NOT] / all);
+                  100 * (double)s->state[REC_SOOT_NOT] / all, leans);
     }
 }
 
@@ -73,6 +93,7 @@ static void judge(FILE *csv, const struct bed *b, size_t i, const struct soot_pi
     struct rec_bars_view view;
     struct soot_score s;
     rec_frame *f;
+    char leans[160];
     int way = 2 * c + (absorbed > 0);
     for (int q = 0; q < CURVES; q++)
         scale[q] = PEAK / p->peak[2 * q + (absorbed > 0)];
@@ -96,7 +117,8 @@ static void judge(FILE *csv, const struct bed *b, size_t i, const struct soot_pi
     }
     soot_judge(&cases[i].f, k.m[c], &v, &view, tau, &s);
     free(tau);
-    row(csv, cases[i].name, c, bits, said[absorbed], &s);
+    lean(&k, c, &v, &view, leans, sizeof leans);
+    row(csv, cases[i].name, c, bits, said[absorbed], &s, leans);
     soot_score_free(&s);
     rec_frame_free(&f);
     soot_cameras_free(&k);
@@ -118,7 +140,8 @@ int main(int argc, char **argv)
     soot_cameras_new(&k, NULL);
     FILE *csv = bench_csv(
         argc, argv, "soot",
-        "flame,camera,bits,absorbs,clear,voxels,half %,95 %,mean %,T in 2,f in 2,soot %,not %");
+        "flame,camera,bits,absorbs,clear,voxels,half %,95 %,mean %,T in 2,f in 2,soot %,not %,"
+        "misfit %,over sd,other 1 %,over sd,other 2 %,over sd");
     for (size_t i = 0; i < COUNT(cases); i++) {
         struct soot_pictures p;
         if (argc > 2 && strcmp(argv[2], cases[i].name) != 0)

@@ -8,6 +8,7 @@
 #define BENCH_SOOT_H
 #include "shot.h"
 #include "recon/frame/bars.h"
+#include "recon/spectral/misfit.h"
 #include "recon/spectral/shade.h"
 #include "tests/lib/curves.h"
 
@@ -229,6 +230,31 @@ static inline double *soot_shade(const rec_soot *m, const struct rec_shade *s,
     }
     free(f);
     return tau;
+}
+
+/* Mean misfit of a volume over its deviation (misfit.h), by the curves of m, whose covariance is C. */
+static inline double soot_lean(const rec_soot *m, const double C[9], const struct rec_sparse *v,
+                               const struct rec_bars_view *b, double *mean)
+{
+    struct rec_misfit_part *part = calloc(1, sizeof *part);
+    struct rec_misfit all = {0, 0, 0};
+    double L[9], sd;
+    rec_misfit_calibration(C, L);
+    for (int32_t i = 0; i < v->n; i++) {
+        const size_t at = (size_t)i * (size_t)v->cs;
+        double e[3], N[9];
+        soot_noise(b, i, N);
+        for (int q = 0; q < 3; q++)
+            e[q] = (double)v->value[at + (size_t)q];
+        const struct rec_soot_voxel x = rec_soot_solve(m, e, N);
+        const struct rec_misfit_modes modes = {b->n_modes, (size_t)b->n * (size_t)b->cs,
+                                               b->modes + (size_t)i * (size_t)b->cs, NULL};
+        rec_misfit_add(part, &x, N, &modes);
+    }
+    rec_misfit_volume(part, 1, b->n_modes, L, &all);
+    rec_misfit_mean(&all, mean, &sd);
+    free(part);
+    return *mean / sd;
 }
 
 /* tau: of soot_shade, or NULL. */

@@ -129,6 +129,17 @@ T_CASE(a_blue_flame_stays_without_a_temperature)
     T_EQ_I(soot, 0);
 }
 
+/* Mean misfit over its deviation, by the curves of s. */
+static double lean_of(const struct rec_spectral *s)
+{
+    rec_soot *m;
+    double mean, z;
+    T_EQ_I(rec_soot_new(s, &rec_soot_defaults, &m, NULL), PVX_OK);
+    z = soot_lean(m, s->covariance, &b.v, &b.view, &mean);
+    rec_soot_free(&m);
+    return z;
+}
+
 /* Mean chi^2 of the clear voxels, by the bars, or as if each channel were known to `share` by itself. */
 static double chi2_of(const rec_soot *m, double share)
 {
@@ -162,6 +173,9 @@ T_CASE(other_curves_show)
     double right = chi2_of(b.k.m[0], 0), wrong = chi2_of(m, 0);
     T_LE(right, 1);
     T_OK(wrong > 1.5 * right);
+    /* no voxel tells, all together do */
+    T_LE(fabs(lean_of(&b.k.s[0])), REC_MISFIT_MOST);
+    T_OK(fabs(lean_of(&other)) > REC_MISFIT_MOST);
     rec_soot_free(&m);
 }
 

@@ -100,6 +100,20 @@ lamp() { # three temperatures at two exposures
 }
 check a_lamp_of_known_temperature lamp
 
+unlike() { # one response for all: a camera that sees another colour is named
+    cp -r "$dir/lamp2350" "$dir/tinted" && rm -r "$dir/tinted/cam6" && "$py" -c 'import glob, sys, numpy as np
+for f in glob.glob(sys.argv[1] + "/tinted/cam3/*.npy"):
+    p = np.load(f); p[..., 2] *= float(sys.argv[2]); np.save(f, p)' "$dir" 1.05 || return 1
+    local s="$pyrovox calibrate spectral --rig $dir/rig.yaml --response $dir/camera.csv --region 32,22,16,16 --emissivity 0.43 --frames $dir/tinted --kelvin 2350"
+    run $s --out "$dir/tinted.yaml"; says 0 'camera cam3 sees the source with 5.' 'more blue over green than the others, more than --curve-sd' \
+        'camera cam6 did not see the source' || return 1
+    "$py" -c 'import glob, sys, numpy as np
+for f in glob.glob(sys.argv[1] + "/tinted/cam3/*.npy"):
+    p = np.load(f); p[..., 2] *= 1.3; np.save(f, p)' "$dir" || return 1
+    run $s --out "$dir/no.yaml"; says 1 'camera cam3 sees the source with 3' 'all cameras must have one response' && [ ! -e "$dir/no.yaml" ]
+}
+check cameras_unlike_the_others_are_named unlike
+
 # the lamp's light was a 20th of what 2 ms give: at 40 ms it is the flame's
 kelvin() {
     run "$pyrovox" temperature "$dir/burning" --rig "$dir/spectral.yaml" --noise 0.002 --exposure 40 --quiet --out "$dir/soot.h5"
@@ -111,7 +125,7 @@ check kelvin_and_ppm kelvin
 
 # The figures of pyrovox value are numpy's, and the report shows them.
 figures() {
-    run "$pyrovox" value "$dir/soot.h5" --quiet --csv "$dir/all.csv"; says 0 'hottest K' 'means and volumes of temperatures have none' || return 1
+    run "$pyrovox" value "$dir/soot.h5" --quiet --csv "$dir/all.csv"; says 0 'hottest K' 'means have none, since' || return 1
     run "$pyrovox" value "$dir/soot.h5" --quiet --box=-0.3,-0.3,0.2,0.3,0.3,0.6 --csv "$dir/part.csv" --plot "$dir/part.svg"; says 0 || return 1
     "$py" - "$dir" <<'PY' || return 1
 import csv, sys, h5py, numpy as np

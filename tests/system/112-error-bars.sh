@@ -45,7 +45,6 @@ END
 refused() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --out no.h5 --error-bars=3; says 2 '4 to 64' || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --out no.h5 --error-bars --solver mlem; says 2 '--error-bars needs the solver pcg' || return 1
-    run "$pyrovox" reconstruct --rig rig.yaml --frames take --plan --error-bars; says 2 'predicts sets without --error-bars' || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out parts.h5 --error-bars=9 --array 1/2 --quiet; says 1 '--error-bars 9' || return 1
     run "$pyrovox" value vol --quiet; says 0 'of single voxels alone' '--error-bars --out FILE.h5' || return 1
     # three cameras are too few to leave one out, which the bars say

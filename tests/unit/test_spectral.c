@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "recon/spectral/known.h"
+#include "recon/spectral/misfit.h"
 #include "recon/spectral/shade.h"
 #include "tests/lib/curves.h"
 #include "tests/lib/normal.h"
@@ -296,8 +297,8 @@ T_CASE(derivatives_by_light_and_calibration)
         T_NEAR(sqrt(spread_of(v.kelvin_by_e, v.kelvin_by_k, N, s.covariance)) / v.kelvin_sd, 1,
                1e-6);
         T_NEAR(sqrt(spread_of(v.f_by_e, v.f_by_k, N, s.covariance)) / v.f_sd, 1, 1e-6);
-        T_NEAR(v.misfit * v.misfit /
-                   spread_of(v.misfit_by_e, v.misfit_by_k, N, s.covariance) / v.chi2,
+        T_NEAR(v.misfit * v.misfit / spread_of(v.misfit_by_e, v.misfit_by_k, N, s.covariance) /
+                   v.chi2,
                1, 0.02); /* V is taken at the fit before the last */
         T_NEAR(v.misfit, 0.004, 4e-4);
         for (int q = 0; q < 3; q++) {
@@ -320,6 +321,120 @@ T_CASE(derivatives_by_light_and_calibration)
         }
         rec_soot_free(&m);
     }
+}
+
+/* ---- many voxels -------------------------------------------------------------------------------- */
+
+enum { CLOUD = 300, CLOUD_MODES = 3, DRAWS = 400 };
+struct cloud {
+    float modes[CLOUD_MODES][CLOUD][3];
+    double e[CLOUD][3], N[CLOUD][9], own[CLOUD];
+};
+
+/* Soot of 1500 to 1900 K, whose noise is mostly common to all voxels. */
+static void cloud_make(const struct rec_spectral *s, struct cloud *c)
+{
+    memset(c, 0, sizeof *c);
+    for (int i = 0; i < CLOUD; i++) {
+        soot_light(s, 1500 + 400.0 * i / CLOUD, 1e-6, c->e[i]);
+        c->own[i] = 0.01 * c->e[i][2];
+        for (int k = 0; k < CLOUD_MODES; k++)
+            for (int q = 0; q < 3; q++)
+                c->modes[k][i][q] =
+                    (float)(0.01 * c->e[i][q] * (k == q ? 1 : 0.3) * sin(1 + k + 3.0 * i / CLOUD));
+        for (int p = 0; p < 3; p++)
+            for (int q = 0; q < 3; q++) {
+                c->N[i][3 * p + q] = p == q ? c->own[i] * c->own[i] : 0;
+                for (int k = 0; k < CLOUD_MODES; k++)
+                    c->N[i][3 * p + q] += (double)c->modes[k][i][p] * (double)c->modes[k][i][q];
+            }
+    }
+}
+
+/* One draw of the light of voxel i: z of the modes, and noise of its own. */
+static void cloud_draw(const struct cloud *c, int i, const double z[CLOUD_MODES], double e[3])
+{
+    for (int q = 0; q < 3; q++) {
+        e[q] = c->e[i][q] + c->own[i] * t_normal();
+        for (int k = 0; k < CLOUD_MODES; k++)
+            e[q] += z[k] * (double)c->modes[k][i][q];
+    }
+}
+
+/* What the file of temperatures has makes the bar of a mean, and the mean misfit its deviation. */
+T_CASE(bars_of_means_are_those_of_many_draws)
+{
+    static struct cloud c;
+    static struct rec_misfit_part part;
+    struct rec_spectral s;
+    struct rec_misfit m = {0, 0, 0};
+    double L[9], var = 0, predicted, misfit, mean[2] = {0, 0}, square[2] = {0, 0};
+    curves_camera(1, &s);
+    for (int q = 0; q < 9; q++)
+        s.covariance[q] = q % 4 == 0 ? 9e-5 : 5e-5;
+    rec_misfit_calibration(s.covariance, L);
+    cloud_make(&s, &c);
+    struct rec_soot_params all = rec_soot_defaults;
+    rec_soot *soot;
+    all.reject = 1e6; /* errors in common would refuse all voxels of some draws */
+    T_EQ_I(rec_soot_new(&s, &all, &soot, NULL), PVX_OK);
+    double sums[CLOUD_MODES + 3] = {0};
+    for (int i = 0; i < CLOUD; i++) {
+        struct rec_soot_voxel v = rec_soot_solve(soot, c.e[i], c.N[i]);
+        const struct rec_misfit_modes modes = {CLOUD_MODES, (size_t)CLOUD * 3, c.modes[0][i], NULL};
+        double left = v.kelvin_sd * v.kelvin_sd;
+        T_EQ_I(v.state, REC_SOOT_OK);
+        rec_misfit_add(&part, &v, c.N[i], &modes);
+        for (int k = 0; k < CLOUD_MODES + 3; k++) {
+            double d = 0;
+            for (int q = 0; q < 3; q++)
+                d += k < 3 ? v.kelvin_by_k[q] * L[3 * q + k]
+                           : v.kelvin_by_e[q] * (double)c.modes[k - 3][i][q];
+            sums[k] += d / CLOUD;
+            left -= d * d;
+        }
+        T_OK(left > 0);
+        var += left / CLOUD / CLOUD;
+    }
+    for (int k = 0; k < CLOUD_MODES + 3; k++)
+        var += sums[k] * sums[k];
+    rec_misfit_volume(&part, 1, CLOUD_MODES, L, &m);
+    rec_misfit_mean(&m, &misfit, &predicted);
+    T_OK(fabs(misfit) < 1e-5 && predicted > 0);
+    for (int n = 0; n < DRAWS; n++) {
+        double z[CLOUD_MODES], off[3], k[3] = {t_normal(), t_normal(), t_normal()};
+        double kelvin = 0, lean, lean_sd;
+        static struct rec_misfit_part one;
+        struct rec_misfit drawn = {0, 0, 0};
+        memset(&one, 0, sizeof one);
+        for (int q = 0; q < CLOUD_MODES; q++)
+            z[q] = t_normal();
+        for (int q = 0; q < 3; q++)
+            off[q] = exp(L[3 * q] * k[0] + L[3 * q + 1] * k[1] + L[3 * q + 2] * k[2]);
+        for (int i = 0; i < CLOUD; i++) {
+            double e[3];
+            cloud_draw(&c, i, z, e);
+            for (int q = 0; q < 3; q++)
+                e[q] *= off[q];
+            struct rec_soot_voxel v = rec_soot_solve(soot, e, c.N[i]);
+            const struct rec_misfit_modes modes = {CLOUD_MODES, (size_t)CLOUD * 3, c.modes[0][i],
+                                                   NULL};
+            rec_misfit_add(&one, &v, c.N[i], &modes);
+            T_EQ_I(v.state, REC_SOOT_OK);
+            kelvin += v.kelvin / CLOUD;
+        }
+        rec_misfit_volume(&one, 1, CLOUD_MODES, L, &drawn);
+        rec_misfit_mean(&drawn, &lean, &lean_sd);
+        const double x[2] = {kelvin, lean};
+        for (int q = 0; q < 2; q++) {
+            mean[q] += x[q] / DRAWS;
+            square[q] += x[q] * x[q] / DRAWS;
+        }
+    }
+    const double sd[2] = {sqrt(square[0] - mean[0] * mean[0]), sqrt(square[1] - mean[1] * mean[1])};
+    T_NEAR(sd[0] / sqrt(var), 1, 0.14); /* four deviations of a deviation of 400 draws */
+    T_NEAR(sd[1] / predicted, 1, 0.14);
+    rec_soot_free(&soot);
 }
 
 T_CASE(a_blue_flame_is_not_soot)

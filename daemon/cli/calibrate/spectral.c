@@ -65,6 +65,9 @@ static const char doc[] =
     "The source (a tungsten ribbon, a black body, a glowing filament) is sharp, covers the region, "
     "and no channel is saturated. Repeat --frames and --kelvin for several temperatures: if the "
     "constants differ between them, the curves are wrong.\n"
+    "All cameras have one response in `spectral:`, since a channel's emission is solved from all "
+    "of "
+    "them. Cameras that see the source in another colour are named, and refused above 10 %.\n"
     "Do this last, after gain and colour, with the lens's aperture as for flames. Exposure may "
     "differ where it is known. Without this step `pyrovox temperature` knows ratios only.";
 

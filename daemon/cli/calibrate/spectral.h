@@ -17,8 +17,8 @@ struct calibrate_spectral_args {
 };
 
 /* One observation of each camera and group: pixel values, as the solver sees them, of the exposure *exposure [s] (that of the
- * first group; NAN: none is known).  Errors: PVX_EINVAL: grey, saturated or dark pictures, exposures of which some are
- * known. */
+ * first group; NAN: none is known).  All cameras have one response, so those that differ are named.  Errors: PVX_EINVAL: grey,
+ * saturated or dark pictures, exposures of which some are known, a camera that sees other colours than the others. */
 PVX_MUST_CHECK pvx_err calibrate_spectral_pictures(const struct calibrate_light *l,
                                                    const struct calibrate_spectral_args *a,
                                                    struct rec_known *out, size_t *n,

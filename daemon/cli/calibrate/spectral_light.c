@@ -1,7 +1,9 @@
 /* spectral_light.c - light of known temperature: regions of pictures, a place in volumes. */
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
+#include "base/median.h"
 #include "daemon/cli/calibrate/spectral.h"
 #include "daemon/volumes/volumes.h"
 
@@ -113,10 +115,72 @@ static pvx_err same_exposure(double is, size_t first, const char *frames, double
     return PVX_OK;
 }
 
+/* ---- one response for all ----------------------------------------------------------------------- */
+
+/* The colour of the source in each camera: log of red and of blue over green, mean over the groups that it saw. */
+struct colours {
+    double ratio[2][REC_MAX_CAMERAS];
+    size_t seen[REC_MAX_CAMERAS], n;
+};
+
+static void colours_add(struct colours *s, size_t c, const struct rec_known *k)
+{
+    s->ratio[0][c] += log(k->value[0] / k->value[1]);
+    s->ratio[1][c] += log(k->value[2] / k->value[1]);
+    s->n += s->seen[c]++ == 0;
+}
+
+static double colours_middle(const struct colours *s, int which, size_t cameras)
+{
+    double v[REC_MAX_CAMERAS];
+    size_t n = 0;
+    for (size_t c = 0; c < cameras; c++)
+        if (s->seen[c] > 0)
+            v[n++] = s->ratio[which][c] / (double)s->seen[c];
+    return pvx_median(v, n);
+}
+
+/* Name cameras that see the source in another colour than the middle one, and those that did not see it. */
+static pvx_err colours_judge(const struct colours *s, const struct calibrate_light *l,
+                             double trusted, struct pvx_diag *d)
+{
+    static const char *const what[2] = {"red", "blue"};
+    for (int i = 0; i < 2; i++) {
+        double middle = colours_middle(s, i, l->rig.n_cameras);
+        for (size_t c = 0; c < l->rig.n_cameras; c++) {
+            double off = s->seen[c] > 0 ? s->ratio[i][c] / (double)s->seen[c] - middle : 0;
+            if (s->n > 2 && fabs(off) > REC_KNOWN_SCATTER)
+                return pvx_fail(d, PVX_EINVAL,
+                                "camera %s sees the source with %.0f %% %s %s over green than the "
+                                "others: all cameras must have one response (equal cameras and "
+                                "filters, or `calibrate colour`)",
+                                l->rig.cameras[c].name, 100 * fabs(expm1(off)),
+                                off > 0 ? "more" : "less", what[i]);
+            if (s->n > 2 && fabs(off) > trusted)
+                fprintf(
+                    stderr,
+                    "pyrovox: camera %s sees the source with %.1f %% %s %s over green than the "
+                    "others, more than --curve-sd: `spectral:` has one response for all cameras, "
+                    "so its share of the light gives another temperature (`calibrate colour`)\n",
+                    l->rig.cameras[c].name, 100 * fabs(expm1(off)), off > 0 ? "more" : "less",
+                    what[i]);
+        }
+    }
+    for (size_t c = 0; c < l->rig.n_cameras; c++)
+        if (s->seen[c] == 0)
+            fprintf(
+                stderr,
+                "pyrovox: camera %s did not see the source, and is taken to have the response of "
+                "the others\n",
+                l->rig.cameras[c].name);
+    return PVX_OK;
+}
+
 pvx_err calibrate_spectral_pictures(const struct calibrate_light *l,
                                     const struct calibrate_spectral_args *a, struct rec_known *out,
                                     size_t *n, double *exposure, struct pvx_diag *d)
 {
+    struct colours colours = {.n = 0};
     *n = 0;
     *exposure = NAN;
     for (size_t g = 0; g < l->a->n; g++)
@@ -126,9 +190,10 @@ pvx_err calibrate_spectral_pictures(const struct calibrate_light *l,
                 continue;
             PVX_TRY(observe(l, a, g, c, &out[*n], d));
             PVX_TRY(same_exposure(p->exposure, *n, l->a->frames[g], exposure, &out[*n], d));
+            colours_add(&colours, c, &out[*n]);
             ++*n;
         }
-    return *n > 0 ? PVX_OK
+    return *n > 0 ? colours_judge(&colours, l, a->doubt.curve_sd, d)
                   : pvx_fail(d, PVX_ENOENT, "%s: no picture could be used", l->a->frames[0]);
 }
 

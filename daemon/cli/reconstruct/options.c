@@ -240,10 +240,6 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
             argp_error(st, "--temporal needs the solver %s", rec_solver_names()[0]);
         if (o->bars > 0 && !rec_solver_is_default(o->frame.solve.solver))
             argp_error(st, "--error-bars needs the solver %s", rec_solver_names()[0]);
-        if (o->bars > 0 && o->plan)
-            argp_error(st,
-                       "--plan predicts sets without --error-bars; with 16 solves a set takes up "
-                       "to 12 times as long");
         if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
                                &o->reading.mosaic))
             argp_error(st, "--bayer rays needs the solver %s and three channels",

@@ -15,6 +15,7 @@
 #include "daemon/pipeline/volume_file.h"
 #include "daemon/pipeline/wire.h"
 #include "daemon/volumes/bricks.h"
+#include "recon/frame/bars.h"
 
 #define LOOK_SECONDS 15.0
 #define BUILD_SECONDS \
@@ -32,7 +33,8 @@ struct measure {
     struct rec_active_estimate e;
     struct reconstruct_seen seen;
     size_t solved;
-    double read_s, photo_s, hull_s, restrict_s, solve_s, write_s; /* each set */
+    double read_s, photo_s, hull_s, restrict_s, solve_s, bars_s, write_s; /* each set */
+    uint32_t modes;                                                       /* of the error bars */
 };
 
 struct plan {
@@ -144,7 +146,21 @@ static pvx_err write_once(struct plan *p, struct measure *m, const rec_frame *f,
     return e;
 }
 
-static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struct pvx_diag *d)
+/* The time of a set's error bars, if it is to have some. */
+static pvx_err plan_bars(struct measure *m, rec_frame *f, rec_bars *b, uint64_t seed)
+{
+    struct rec_bars_view view;
+    if (b == NULL)
+        return PVX_OK;
+    int64_t t0 = pvx_now_mono();
+    PVX_TRY(rec_frame_bars(f, b, seed, &view));
+    m->bars_s += cli_seconds_since(t0);
+    m->modes = view.n_modes > m->modes ? view.n_modes : m->modes;
+    return PVX_OK;
+}
+
+static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, rec_bars *bars,
+                          struct pvx_diag *d)
 {
     size_t n = m->seen.sets;
     int64_t begin = pvx_now_mono();
@@ -160,11 +176,12 @@ static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struc
         m->hull_s += (double)r->hull_ns * 1e-9;
         m->restrict_s += (double)r->restrict_ns * 1e-9;
         m->solve_s += (double)r->solve_ns * 1e-9;
+        PVX_TRY(plan_bars(m, f, bars, k));
         m->solved++;
         if (cli_stop)
             return PVX_ECANCELED;
     }
-    double *each[] = {&m->read_s, &m->photo_s, &m->hull_s, &m->restrict_s, &m->solve_s};
+    double *each[] = {&m->read_s, &m->photo_s, &m->hull_s, &m->restrict_s, &m->solve_s, &m->bars_s};
     for (size_t i = 0; i < sizeof each / sizeof *each; i++)
         *each[i] /= (double)m->solved;
     return write_once(p, m, f, d);
@@ -173,13 +190,16 @@ static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struc
 static pvx_err plan_solve(struct plan *p, struct measure *m, struct pvx_diag *d)
 {
     rec_frame *f = NULL;
+    rec_bars *bars = NULL;
     struct cli_progress bar = {.label = "system matrix", .quiet = p->o->quiet};
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_sysmat_build_active(&m->rig, &m->outline, p->pool,
                                     (struct rec_progress){cli_progress, &bar}, &m->S, d));
     m->build_s = cli_seconds_since(t0);
     PVX_TRY(rec_frame_alone(m->S, &m->rig, p->params, p->pool, &f, d));
-    pvx_err e = solve_sets(p, m, f, d);
+    pvx_err e = p->o->bars > 0 ? rec_bars_new(m->S, p->params->nch, p->o->bars, &bars, d) : PVX_OK;
+    PVX_THEN(e, solve_sets(p, m, f, bars, d));
+    rec_bars_free(&bars);
     rec_frame_free(&f);
     return e;
 }
@@ -192,7 +212,13 @@ struct stage {
     double once, each, bytes;
     char from[192];
 };
-enum { BRICKS, SILHOUETTES, MATRIX, CAMERAS, READ, CARVE, RESTRICT, SOLVE, WRITE, STAGES };
+enum { BRICKS, SILHOUETTES, MATRIX, CAMERAS, READ, CARVE, RESTRICT, SOLVE, BARS, WRITE, STAGES };
+
+/* What is written for each voxel: its emission, its deviation, in a recording also the modes. */
+static double plan_planes(const struct plan *p)
+{
+    return p->o->bars == 0 ? 1 : p->o->recording ? 2 + (double)p->part.modes : 2;
+}
 
 static void plan_add_up(const struct plan *p, const struct reconstruct_need *need, bool whole,
                         struct stage s[STAGES])
@@ -220,7 +246,8 @@ static void plan_add_up(const struct plan *p, const struct reconstruct_need *nee
     s[CARVE] = (struct stage){"carve", 0, (p->halved > 0 ? 0 : m->photo_s) + m->hull_s * by, 0, ""};
     s[RESTRICT] = (struct stage){"restrict", 0, m->restrict_s * by, 0, ""};
     s[SOLVE] = (struct stage){"solve", 0, m->solve_s * by, need->matrix + need->sets, ""};
-    for (int i = CARVE; i <= SOLVE; i++)
+    s[BARS] = (struct stage){"error bars", 0, m->bars_s * by, 0, ""};
+    for (int i = CARVE; i <= BARS; i++)
         snprintf(s[i].from, sizeof s->from, "%s, %zu sets", scaled, m->solved);
     size_t sets = reconstruct_learn_sets(p->params, f->rig.n_cameras, p->in->n);
     double each = s[READ].each + s[CARVE].each + s[RESTRICT].each + s[SOLVE].each;
@@ -228,7 +255,7 @@ static void plan_add_up(const struct plan *p, const struct reconstruct_need *nee
         (struct stage){"cameras", RECONSTRUCT_LEARN_ROUNDS * (double)sets * each, 0, 0, ""};
     snprintf(s[CAMERAS].from, sizeof s->from, "at most: gains and aims from %zu sets, %d rounds",
              sets, RECONSTRUCT_LEARN_ROUNDS);
-    s[WRITE] = (struct stage){"write", 0, m->write_s * voxels, need->volume, ""};
+    s[WRITE] = (struct stage){"write", 0, m->write_s * voxels * plan_planes(p), need->volume, ""};
     snprintf(s[WRITE].from, sizeof s->from, "%s",
              p->o->out == NULL ? "not measured: --out says where to"
              : p->halved > 0   ? "measured on the smaller grid, by voxels"
@@ -261,7 +288,8 @@ static void plan_print(const struct plan *p, const struct reconstruct_need *need
     struct stage s[STAGES];
     char takes[32];
     double once = 0, each = 0, sets = (double)p->in->n;
-    double disk = sets * (double)rec_grid_count(g) * p->params->nch * sizeof(float);
+    double disk =
+        sets * (double)rec_grid_count(g) * p->params->nch * sizeof(float) * plan_planes(p);
     plan_add_up(p, need, whole, s);
     printf("%zu frame sets of %zu cameras, %dx%dx%d voxels, bins of %dx%d pixels, %u threads\n",
            p->in->n, f->rig.n_cameras, g->n[0], g->n[1], g->n[2], f->p.binning, f->p.binning,
@@ -272,6 +300,8 @@ static void plan_print(const struct plan *p, const struct reconstruct_need *need
     printf("%-14s %10s %10s %10s  %s\n", "stage", "once, s", "a set, s",
            whole ? "GB" : "GB at most", "from");
     for (int i = 0; i < STAGES; i++) {
+        if (i == BARS && p->o->bars == 0)
+            continue;
         once += s[i].once;
         each += s[i].each;
         char gb[32] = "";
@@ -286,8 +316,9 @@ static void plan_print(const struct plan *p, const struct reconstruct_need *need
         cli_duration(once + each * sets, takes));
     printf("memory: %s %.2f GB%s\n", whole ? "about" : "at most", need->most * 1e-9 + 0.005,
            f->seen.sets < p->in->n ? ", if the other sets have flame in the same place" : "");
-    printf("disk: %s%.3g GB of volumes (float, %d channel%s)%s\n",
-           p->o->recording ? "at most " : "", disk * 1e-9, p->params->nch,
+    printf("disk: %s%.3g GB of volumes%s (float, %d channel%s)%s\n",
+           p->o->recording ? "at most " : "", disk * 1e-9,
+           p->o->bars > 0 ? " with their error bars" : "", p->params->nch,
            p->params->nch == 1 ? "" : "s", p->o->recording ? ", less where there is no flame" : "");
     say_nodes(p, once, each);
 }

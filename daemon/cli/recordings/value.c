@@ -53,7 +53,9 @@ static const char doc[] =
     "A recording has bars if `pyrovox reconstruct --error-bars` made it. Without them the figures "
     "stand alone.\n"
     "\n"
-    "FILE may also be what `pyrovox temperature` wrote: mean and hottest kelvin, and soot.\n"
+    "FILE may also be what `pyrovox temperature` wrote: mean and hottest kelvin, and soot. Each "
+    "voxel that has a temperature counts alike. Means have a bar if the recording of volumes had "
+    "bars of sums.\n"
     "\n"
     "FILE is an HDF5 file, or a folder of .npy, .vdb or .nvdb files. Exit: 0 done, 1 failed, 2 "
     "wrong "
@@ -147,6 +149,21 @@ static void value_say_bars(const struct value *v, const struct course *c)
                                                   : "for a reason that this version does not know");
 }
 
+/* Which figures of temperatures have a bar. */
+static void value_say_heat(const struct value *v, const struct course *c)
+{
+    if (c->with_modes == 0)
+        fprintf(stderr,
+                "pyrovox: the bar is that of the hottest voxel: means have none, since %s does not "
+                "know how errors go together. `pyrovox temperature` on a recording of `pyrovox "
+                "reconstruct --error-bars --out FILE.h5` makes a file that knows\n",
+                v->in);
+    else
+        fprintf(stderr,
+                "pyrovox: bars hold noise and calibration; the volume has none, since which "
+                "voxels have a temperature is no measured figure\n");
+}
+
 static pvx_err value_thermal_options(const struct value *v, struct pvx_diag *d)
 {
     return v->how.measure.channel < 0 && isnan(v->how.measure.level)
@@ -194,8 +211,7 @@ static pvx_err value_of(struct value *v, struct pvx_diag *d)
         fflush(stdout);
     }
     if (e == PVX_OK && thermal)
-        fprintf(stderr, "pyrovox: the bar is that of the hottest voxel; means and volumes of "
-                        "temperatures have none\n");
+        value_say_heat(v, &c);
     if (e == PVX_OK && !thermal) {
         fprintf(stderr, "pyrovox: volume is that above %.4g 1/m\n", c.how.measure.level);
         value_say_bars(v, &c);

@@ -149,6 +149,61 @@ static void course_heat(const struct vol_thermal_set *t, const struct vol_cells 
     row->figure[COURSE_SOOTY] = (struct vol_figure){n * V, NAN};
 }
 
+/* Variance of the sum of a field over the voxels of m: sum_k (sum_q d_kq)^2 + sum_q t_q^2 (volumes.h).  own [voxels] is work
+ * space. */
+static pvx_err course_sum_bar(vol_thermal_reader *r, uint64_t k, const struct vol_thermal_set *t,
+                              int field, const struct vol_cells *m, double *own, double *var,
+                              struct pvx_diag *d)
+{
+    const float *x = t->value[field], *sd = t->value[field + 1], *mode;
+    const uint32_t *n = m->g->n;
+    const size_t voxels = pvp_grid_count(m->g);
+    *var = 0;
+    for (size_t q = 0; q < voxels; q++) {
+        const uint32_t at[3] = {(uint32_t)(q % n[0]), (uint32_t)(q / n[0] % n[1]),
+                                (uint32_t)(q / n[0] / n[1])};
+        bool in = !isnan(x[q]) && !isnan(t->value[VOL_KELVIN][q]) && vol_cells_in(m, at);
+        own[q] = in ? (double)sd[q] * (double)sd[q] : -1; /* -1: not in the sum */
+    }
+    for (uint32_t i = 0; i < t->n_modes; i++) {
+        double sum = 0;
+        PVX_TRY(vol_thermal_mode(r, k, field, i, &mode, d));
+        for (size_t q = 0; q < voxels; q++)
+            if (own[q] >= 0) {
+                sum += (double)mode[q];
+                own[q] = fmax(own[q] - (double)mode[q] * (double)mode[q], 0);
+            }
+        *var += sum * sum;
+    }
+    for (size_t q = 0; q < voxels; q++)
+        *var += own[q] >= 0 ? own[q] : 0;
+    return PVX_OK;
+}
+
+/* Bars of the means, where the file knows how errors go together. */
+static pvx_err course_heat_bars(vol_thermal_reader *r, uint64_t k, const struct vol_thermal_set *t,
+                                const struct vol_cells *m, struct course_row *row,
+                                struct pvx_diag *d)
+{
+    const double V = m->h[0] * m->h[1] * m->h[2];
+    struct vol_figure *f = row->figure;
+    double var;
+    row->modes = t->n_modes > 0;
+    if (!row->modes || !(f[COURSE_SOOTY].v > 0))
+        return PVX_OK;
+    double *own = pvx_calloc(pvp_grid_count(m->g), sizeof *own);
+    PVX_NEED(own);
+    pvx_err e = course_sum_bar(r, k, t, VOL_KELVIN, m, own, &var, d);
+    f[COURSE_KELVIN].sd = sqrt(var) / (f[COURSE_SOOTY].v / V);
+    if (e == PVX_OK && isfinite(f[COURSE_SOOT].v)) {
+        e = course_sum_bar(r, k, t, VOL_SOOT, m, own, &var, d);
+        f[COURSE_SOOT].sd = sqrt(var) * f[COURSE_SOOT].v / (f[COURSE_SOOT_VOLUME].v / V / 1e3);
+        f[COURSE_SOOT_VOLUME].sd = sqrt(var) * V * 1e3;
+    }
+    free(own);
+    return e;
+}
+
 pvx_err course_read_thermal(vol_thermal_reader *r, const char *name, const struct course_how *how,
                             struct course *out, struct pvx_diag *d)
 {
@@ -170,6 +225,7 @@ pvx_err course_read_thermal(vol_thermal_reader *r, const char *name, const struc
             struct course_row *row = &out->row[out->n++];
             *row = (struct course_row){.place = k, .v = v, .bars = true};
             course_heat(&t, &m, row);
+            PVX_TRY(course_heat_bars(r, k, &t, &m, row, d));
             course_time(out, row);
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))

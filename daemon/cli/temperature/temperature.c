@@ -26,9 +26,8 @@ static const struct cli_row rows[] = {
      "OpenVDB files too, a new folder: `density` is soot in ppm, `temperature` is in kelvin, as "
      "Blender shows a black body"},
     {"noise", "F", AT(noise), 1e-6, 1,
-     "where the recording has no error bars: standard deviation of the emission, as a share of "
-     "each "
-     "volume's largest"},
+     "for sets without error bars: standard deviation of the emission, as a share of each volume's "
+     "largest. Sets with bars keep theirs"},
     {"exposure", "MS", AT(exposure_ms), 1e-6, 1e9,
      "exposure time of the flame's pictures, where it is not that of the calibration"},
     {"em", "E", AT(em), 0.01, 1, "E(m) of soot (0.26)"},
@@ -64,19 +63,25 @@ static error_t temperature_parse(int key, char *arg, struct argp_state *st)
 static const struct argp argp = {
     .parser = temperature_parse,
     .args_doc = "FLAME.h5",
-    .doc = "Temperature and soot volume fraction of each voxel, from the three channels of a "
-           "recording of volumes.\vExamples:\n"
-           "  pyrovox temperature flame.h5 --rig spectral.yaml --noise 0.01 \\\n"
-           "          --out kelvin.h5\n"
-           "\n"
-           "The file has /temperature in kelvin and /soot in ppm, each with one standard deviation "
-           "(_sd), /chi2 and /state: 0 too little light, 1 soot, 2 not soot, 3 outside 800 to 3200 "
-           "K. Voxels that are not 1 have no temperature (NaN).\n"
-           "A rig without `spectral:` gives ratios of the channels alone. The bars hold noise and "
-           "the calibration's doubt, and not that of E(m), nor gradients within a voxel.\n"
-           "\n"
-           "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C. Only after 0 there is an "
-           "OUT."};
+    .doc =
+        "Temperature and soot volume fraction of each voxel, from the three channels of a "
+        "recording of volumes.\vExamples:\n"
+        "  pyrovox temperature flame.h5 --rig spectral.yaml --noise 0.01 \\\n"
+        "          --out kelvin.h5\n"
+        "\n"
+        "The file has /temperature in kelvin and /soot in ppm, each with one standard deviation "
+        "(_sd), /chi2 and /state: 0 too little light, 1 soot, 2 not soot, 3 outside 800 to 3200 "
+        "K. Voxels that are not 1 have no temperature (NaN).\n"
+        "A rig without `spectral:` gives ratios of the channels alone. The bars hold noise and "
+        "the calibration's doubt, and not that of E(m), nor gradients within a voxel.\n"
+        "\n"
+        "The mean of a region has its own bar (`pyrovox value`) if the recording keeps how the "
+        "errors of voxels go together, as `pyrovox reconstruct --error-bars --out FILE.h5` makes "
+        "it. If the light of the whole recording fits no soot in these response curves, the last "
+        "lines say so.\n"
+        "\n"
+        "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C. Only after 0 there are "
+        "OUT and the files of --vdb."};
 
 /* ---- what belongs together ---------------------------------------------------------------------- */
 
@@ -176,6 +181,24 @@ static pvx_err put_notes(const struct temperature_args *a, const struct rec_spec
     return vol_thermal_note(out, "absolute", s->absolute, NULL, d);
 }
 
+/* The mean misfit of the light, and whether it says that the curves are others. */
+static bool misfit_far(const struct temperature_voxels *t, double *x, double *sd)
+{
+    rec_misfit_mean(&t->sums.misfit, x, sd);
+    return fabs(*x) > REC_MISFIT_MOST * *sd;
+}
+
+static pvx_err put_verdict(const struct temperature_voxels *t, vol_thermal *out, struct pvx_diag *d)
+{
+    double x, sd;
+    if (t->soot == NULL)
+        return PVX_OK;
+    (void)misfit_far(t, &x, &sd);
+    PVX_TRY(vol_thermal_note(out, "misfit", x, NULL, d));
+    PVX_TRY(vol_thermal_note(out, "misfit_sd", sd, NULL, d));
+    return vol_thermal_note(out, "chi2_mean", t->sums.chi2 / t->sums.judged, NULL, d);
+}
+
 struct outputs {
     vol_thermal *file;
     struct temperature_vdb *vdb; /* or NULL */
@@ -187,6 +210,7 @@ static pvx_err each_volume(const struct temperature_args *a, vol_reader *r,
 {
     struct cli_progress bar = {.label = "temperature", .quiet = a->quiet};
     uint64_t n = vol_reader_count(r), done = 0;
+    vol_reader_modes(r, true);
     for (uint64_t k = 0; k < n; k++) {
         struct vol_volume v;
         PVX_TRY(vol_reader_get(r, k, &v, d));
@@ -196,10 +220,11 @@ static pvx_err each_volume(const struct temperature_args *a, vol_reader *r,
                                        : temperature_do(t, &v, &why);
             if (e != PVX_OK)
                 return pvx_fail(d, e, "%s: %s", a->in, pvx_diag_text(&why, e));
-            PVX_TRY(vol_thermal_put(to->file, &v, (const float *const *)t->field, d));
+            PVX_TRY(vol_thermal_put(to->file, &v, (const float *const *)t->field, &t->modes, d));
             if (to->vdb != NULL)
                 PVX_TRY(temperature_vdb_put(to->vdb, &v, t, d));
             done++;
+            t->sums.own_bars += v.bars.sd != NULL;
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
@@ -229,6 +254,16 @@ static void say(const struct temperature_args *a, const struct temperature_voxel
     if (s->state[REC_SOOT_OK] > 0)
         printf("soot of %.0f to %.0f K, %.0f K on average; chi^2 %.2f on average (1 by noise)\n",
                s->coldest, s->hottest, s->soot_kelvin / s->soot, s->chi2 / s->judged);
+    double x, sd;
+    if (misfit_far(t, &x, &sd))
+        printf("the light does not fit the response curves of %s: there is %.1f %% %s green than "
+               "soot gives with this red and blue, and noise and calibration leave %.1f %%. Check "
+               "the curves, filter, colours and gains; the temperatures may be off by more than "
+               "their bars\n",
+               a->rig, 100 * fabs(x), x > 0 ? "more" : "less", 100 * sd);
+    if (s->own_bars > 0 && !isnan(a->noise))
+        printf("--noise was not used for the %llu sets that have error bars of their own\n",
+               (unsigned long long)s->own_bars);
     if (s->state[REC_SOOT_NOT] > s->state[REC_SOOT_OK])
         printf("most of the light is not soot's: a flame without soot, or curves, colours or gains "
                "that are not these cameras'\n");
@@ -261,6 +296,7 @@ static pvx_err temperature_write(const struct temperature_args *a, vol_reader *r
     if (e == PVX_OK && a->shade)
         e = start_shade(a, rig, vol_reader_head(r), &shaded, d);
     PVX_THEN(e, each_volume(a, r, t, a->shade ? &shaded : NULL, to, d));
+    PVX_THEN(e, put_verdict(t, to->file, d));
     temperature_shaded_fini(&shaded);
     return e;
 }
@@ -277,16 +313,20 @@ static pvx_err temperature_into(const struct temperature_args *a, vol_reader *r,
         return pvx_fail(d, PVX_EINVAL, "--vdb: %s has no `spectral:`, so there is no temperature",
                         a->rig);
     if (a->vdb != NULL)
-        PVX_TRY(vol_writer_check(VOL_VDB, a->vdb, d));
-    PVX_TRY(vol_thermal_open(a->out, h, t->soot != NULL ? temperature_fields : temperature_ratios,
-                             t->soot != NULL ? TEMPERATURE_FIELDS : TEMPERATURE_RATIOS, &to.file,
-                             d));
-    pvx_err e = a->vdb != NULL ? temperature_vdb_open(&vdb, a->vdb, h, d) : PVX_OK;
+        PVX_TRY(temperature_vdb_check(&vdb, a->vdb, d));
+    pvx_err e =
+        vol_thermal_open(a->out, h, t->soot != NULL ? temperature_fields : temperature_ratios,
+                         t->soot != NULL ? TEMPERATURE_FIELDS : TEMPERATURE_RATIOS, &to.file, d);
+    if (a->vdb != NULL)
+        PVX_THEN(e, temperature_vdb_open(&vdb, a->vdb, h, d));
     PVX_THEN(e, temperature_write(a, r, rig, t, &to, d));
     pvx_err vdb_closed = temperature_vdb_close(&vdb, d);
     PVX_THEN(e, vdb_closed);
     pvx_err closed = vol_thermal_close(&to.file, e == PVX_OK, d);
-    return e != PVX_OK ? e : closed;
+    PVX_THEN(e, closed);
+    if (e != PVX_OK)
+        temperature_vdb_remove(&vdb);
+    return e;
 }
 
 static pvx_err temperature_all(const struct temperature_args *a, struct pvx_diag *d)
@@ -304,6 +344,8 @@ static pvx_err temperature_all(const struct temperature_args *a, struct pvx_diag
     PVX_THEN(e, same_cameras(a, vol_reader_head(r), &rig, d));
     PVX_THEN(e, make_soot(a, &rig, &soot, d));
     t.soot = soot;
+    if (soot != NULL)
+        rec_misfit_calibration(rig.spectral->covariance, t.L);
     PVX_THEN(e, temperature_into(a, r, &rig, &t, d));
     if (e == PVX_OK)
         say(a, &t);
@@ -327,7 +369,7 @@ static int temperature_run(int argc, char **argv)
     cli_parse(rows, &argp, 0, argc, argv, &a);
     cli_catch_stop();
     pvx_err e = temperature_all(&a, &d);
-    return cli_end(&d, e, a.vdb == NULL);
+    return cli_end(&d, e, true);
 }
 
 const struct cli_command cmd_temperature = {

@@ -2,9 +2,12 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <limits.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include "base/mem.h"
+#include "daemon/volumes/folder.h"
 
 #define CELLS ((size_t)PVP_BRICK * PVP_BRICK * PVP_BRICK)
 
@@ -15,6 +18,32 @@ pvx_err temperature_vdb_open(struct temperature_vdb *w, const char *dir,
     h.start.grid.channels = 1;
     snprintf(h.start.units, sizeof h.start.units, "ppm");
     return vol_writer_open(VOL_VDB, dir, &h, NULL, &w->writer, d);
+}
+
+pvx_err temperature_vdb_check(struct temperature_vdb *w, const char *dir, struct pvx_diag *d)
+{
+    w->made = access(dir, F_OK) != 0;
+    PVX_TRY(vol_writer_check(VOL_VDB, dir, d));
+    snprintf(w->dir, sizeof w->dir, "%s", dir);
+    return PVX_OK;
+}
+
+/* The folder had nothing in it, so that all files of these endings are ours (daemon/volumes/numbered.h). */
+void temperature_vdb_remove(const struct temperature_vdb *w)
+{
+    static const char *const ends[] = {".vdb", ".json", "rig.yaml", "pyrovoxd.yaml"};
+    char path[PATH_MAX];
+    for (size_t k = 0; k < sizeof ends / sizeof *ends && w->dir[0] != '\0'; k++) {
+        struct vol_folder f;
+        if (vol_folder_list(w->dir, ends[k], &f, NULL) == PVX_OK)
+            for (size_t i = 0; i < f.n; i++) {
+                snprintf(path, sizeof path, "%s/%s", w->dir, f.name[i]);
+                unlink(path);
+            }
+        vol_folder_free(&f);
+    }
+    if (w->dir[0] != '\0' && w->made)
+        rmdir(w->dir);
 }
 
 static pvx_err vdb_room(struct temperature_vdb *w, uint32_t bricks)

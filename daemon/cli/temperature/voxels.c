@@ -27,6 +27,7 @@ struct job {
     const struct vol_volume *v;
     double noise2;                 /* of (2), squared; bars: not used */
     struct temperature_sums *sums; /* [bricks] */
+    struct rec_misfit_part *lean;  /* [bricks] */
 };
 
 /* (1) or (2) */
@@ -63,7 +64,25 @@ static void add_up(struct temperature_sums *s, const struct rec_soot_voxel *x)
     s->coldest = s->coldest > 0 ? fmin(s->coldest, x->kelvin) : x->kelvin;
 }
 
-static void voxel_soot(const struct job *j, struct temperature_sums *sums, size_t at,
+/* (3) times f of all modes into one field's. */
+static void put_modes(const struct job *j, size_t at, float *out, double unit, const double by_e[3],
+                      const double by_k[3])
+{
+    const size_t plane = (size_t)j->v->n_bricks * CELLS, n = plane * 3;
+    const double *L = j->t->L;
+    for (int k = 0; k < 3; k++)
+        out[(size_t)k * plane + at] =
+            (float)(unit * (by_k[0] * L[k] + by_k[1] * L[3 + k] + by_k[2] * L[6 + k]));
+    for (uint32_t k = 0; k < j->v->bars.n_modes; k++) {
+        const float *m = j->v->bars.modes + k * n + 3 * at;
+        double sum = 0;
+        for (int q = 0; q < 3; q++)
+            sum += by_e[q] * (double)m[q] / (j->t->tau != NULL ? (double)j->t->tau[3 * at + q] : 1);
+        out[(VOL_THERMAL_COMMON + k) * plane + at] = (float)(unit * sum);
+    }
+}
+
+static void voxel_soot(const struct job *j, struct temperature_sums *sums, size_t b, size_t at,
                        const double e[3], const double N[9])
 {
     struct rec_soot_voxel x = rec_soot_solve(j->t->soot, e, N);
@@ -72,6 +91,15 @@ static void voxel_soot(const struct job *j, struct temperature_sums *sums, size_
     for (int k = 0; k < TEMPERATURE_FIELDS; k++)
         j->t->field[k][at] = (float)out[k];
     add_up(sums, &x);
+    const struct vol_bars *bars = &j->v->bars;
+    const struct rec_misfit_modes modes = {bars->n_modes, 3 * CELLS * j->v->n_bricks,
+                                           bars->modes + (bars->n_modes > 0 ? 3 * at : 0),
+                                           j->t->tau != NULL ? j->t->tau + 3 * at : NULL};
+    rec_misfit_add(&j->lean[b], &x, N, &modes);
+    if (x.state == REC_SOOT_OK && j->t->modes.n > 0) {
+        put_modes(j, at, j->t->mode[0], 1, x.kelvin_by_e, x.kelvin_by_k);
+        put_modes(j, at, j->t->mode[1], PPM, x.f_by_e, x.f_by_k);
+    }
 }
 
 /* a / b with its bar; covariances as in N. */
@@ -132,7 +160,7 @@ static void do_brick(void *ctx, size_t b)
             continue;
         }
         if (j->t->soot != NULL)
-            voxel_soot(j, &j->sums[b], i, e, N);
+            voxel_soot(j, &j->sums[b], b, i, e, N);
         else
             voxel_ratios(j, &j->sums[b], i, e, N);
     }
@@ -149,6 +177,27 @@ static void sums_join(struct temperature_sums *to, const struct temperature_sums
     to->hottest = fmax(to->hottest, s->hottest);
     if (s->coldest > 0)
         to->coldest = to->coldest > 0 ? fmin(to->coldest, s->coldest) : s->coldest;
+}
+
+/* Zeroed room for the modes of temperature and soot, if the volume has some. */
+static pvx_err mode_room(struct temperature_voxels *t, const struct vol_volume *v)
+{
+    t->modes = (struct vol_thermal_modes){0};
+    if (v->bars.sd == NULL || v->bars.n_modes == 0 || t->soot == NULL)
+        return PVX_OK;
+    const uint32_t n = VOL_THERMAL_COMMON + v->bars.n_modes;
+    const size_t floats = (size_t)n * v->n_bricks * CELLS;
+    for (int k = 0; k < 2; k++) {
+        if (floats > t->mode_room || t->mode[k] == NULL) {
+            free(t->mode[k]);
+            t->mode[k] = malloc(floats > 0 ? floats * sizeof(float) : sizeof(float));
+            PVX_NEED(t->mode[k]);
+        }
+        memset(t->mode[k], 0, floats * sizeof(float));
+    }
+    t->mode_room = floats > t->mode_room ? floats : t->mode_room;
+    t->modes = (struct vol_thermal_modes){n, t->mode[0], t->mode[1]};
+    return PVX_OK;
 }
 
 static pvx_err make_room(struct temperature_voxels *t, uint32_t bricks)
@@ -174,21 +223,30 @@ pvx_err temperature_do(struct temperature_voxels *t, const struct vol_volume *v,
                         "noise (--noise 0.01: a hundredth of its largest emission)",
                         (unsigned long long)v->v.set);
     PVX_TRY(make_room(t, v->n_bricks));
+    PVX_TRY(mode_room(t, v));
     for (size_t i = 0; i < v->n_bricks * CELLS * 3; i++)
         most = fmax(most, (double)v->brick[i]);
-    struct job j = {t, v, most * t->noise * most * t->noise, NULL};
+    struct job j = {t, v, most * t->noise * most * t->noise, NULL, NULL};
     j.sums = pvx_calloc(v->n_bricks, sizeof *j.sums);
-    PVX_NEED(j.sums);
-    pvx_pool_run(t->pool, v->n_bricks, do_brick, &j);
-    for (uint32_t b = 0; b < v->n_bricks; b++)
-        sums_join(&t->sums, &j.sums[b]);
+    j.lean = pvx_calloc(v->n_bricks, sizeof *j.lean);
+    if (j.sums != NULL && j.lean != NULL) {
+        pvx_pool_run(t->pool, v->n_bricks, do_brick, &j);
+        for (uint32_t b = 0; b < v->n_bricks; b++)
+            sums_join(&t->sums, &j.sums[b]);
+        rec_misfit_volume(j.lean, v->n_bricks, v->bars.n_modes, t->L, &t->sums.misfit);
+    }
+    bool done = j.sums != NULL && j.lean != NULL;
     free(j.sums);
-    return PVX_OK;
+    free(j.lean);
+    return done ? PVX_OK : PVX_ENOMEM;
 }
 
 void temperature_fini(struct temperature_voxels *t)
 {
     for (int k = 0; k < TEMPERATURE_FIELDS; k++)
         PVX_FREE(t->field[k]);
+    PVX_FREE(t->mode[0]);
+    PVX_FREE(t->mode[1]);
     t->room = 0;
+    t->mode_room = 0;
 }
