@@ -46,11 +46,11 @@ END
         "$b/bin/pyrovox" simcams --private-net --rig "$dir/rig.yaml" --fps "$fps" -- "$b/bin/pyrovoxd" --config "$dir/pyrovoxd.yaml" > "$dir/log" 2>&1 &
         sim=$!
         for ((n = 0; n < 1200; n++)); do
-            p=$("$b/bin/pyrovox" status --endpoint "ipc://$dir/control" --json 2> /dev/null | grep -o '"published": *[0-9]*' | grep -o '[0-9]*$')
+            p=$("$b/bin/pyrovox" status --endpoint "ipc://$dir/control" --json 2> /dev/null | grep -o '"published":[[:space:]]*[0-9]*' | grep -o '[0-9]*$')
             [ "${p:-0}" -ge 40 ] && break
             sleep 0.25
         done
-        "$b/bin/pyrovox" ctl reset-latency --endpoint "ipc://$dir/control" > /dev/null
+        "$b/bin/pyrovox" ctl reset-latency --control "ipc://$dir/control" > /dev/null
         read -ra from <<< "$(look)"
         sleep "$seconds"
         read -ra to <<< "$(look)"
