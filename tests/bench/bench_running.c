@@ -158,8 +158,8 @@ static void plume_pictures(cap_video *const video[], const struct rec_camera *ca
     }
 }
 
-/* Root mean square of sd over that of `of`, on the voxels above 2 % of the brightest. */
-static double plume_ratio(const rec_frame *f, const float *sd, const float *of)
+/* Root mean square of sd over that of `other`, on the voxels above 2 % of the brightest. */
+static double plume_ratio(const rec_frame *f, const float *sd, const float *other)
 {
     struct rec_sparse x;
     double top = 0, a = 0, b = 0;
@@ -169,7 +169,7 @@ static double plume_ratio(const rec_frame *f, const float *sd, const float *of)
     for (int32_t q = 0; q < x.n; q++)
         if ((double)x.value[q] > BARS_LIT * top) {
             a += (double)sd[q] * (double)sd[q];
-            b += (double)of[q] * (double)of[q];
+            b += (double)other[q] * (double)other[q];
         }
     return sqrt(a / b);
 }
