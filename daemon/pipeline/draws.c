@@ -1,13 +1,14 @@
 #include "daemon/pipeline/draws.h"
 
+#include <errno.h>
 #include <pthread.h>
+#include <semaphore.h>
 #include <stdatomic.h>
 #include <sys/resource.h>
 #include <time.h>
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "base/queue.h"
 #include "recon/frame/inside.h"
 #include "recon/frame/running.h"
 
@@ -21,9 +22,10 @@ struct dmn_draws {
     void *ctx;
     pvx_pool *pool; /* of the stages, for dmn_draws_bars */
     rec_running *running;
-    _Atomic(rec_kept *) spare; /* NULL: a set has it, which is or will be repeated */
-    rec_kept *kept;            /* the same, for free */
-    pvx_queue *queue;          /* one slot */
+    _Atomic(rec_kept *) spare;             /* NULL: a set has it, which is or will be repeated */
+    rec_kept *kept;                        /* the same, for free */
+    _Atomic(struct dmn_slot *) todo, done; /* for the thread, and by it */
+    sem_t bell;                            /* todo, or ending */
     pthread_t thread;
     bool started;
     atomic_bool ending;
@@ -65,17 +67,16 @@ static void draws_repeat(dmn_draws *w, struct dmn_slot *s)
 static void *draws_run(void *arg)
 {
     dmn_draws *w = arg;
-    void *item;
     setpriority(PRIO_PROCESS, 0, LEAST); /* Linux: of this thread */
-    while (pvx_queue_pop(w->queue, -1, &item) == PVX_OK) {
-        struct dmn_slot *s = item;
+    for (;;) {
+        while (sem_wait(&w->bell) != 0 && errno == EINTR)
+            ;
+        struct dmn_slot *s = atomic_exchange(&w->todo, NULL);
+        if (s == NULL)
+            return NULL; /* rung at the end */
         draws_repeat(w, s);
-        rec_kept *k = rec_frame_release(s->frame);
-        s->again = false;
-        w->give_back(w->ctx, s);
-        atomic_store(&w->spare, k); /* after that: no two sets may hold systems for it */
+        atomic_store(&w->done, s);
     }
-    return NULL;
 }
 
 /* ---- what the stages call -----------------------------------------------------------------------*/
@@ -134,6 +135,18 @@ static void draws_compare(dmn_draws *w, const struct rec_selfcal_report *r)
     w->shift = r->shift;
 }
 
+/* Gives back what the thread has done with. */
+static void draws_collect(dmn_draws *w)
+{
+    struct dmn_slot *s = atomic_exchange(&w->done, NULL);
+    if (s == NULL)
+        return;
+    rec_kept *k = rec_frame_release(s->frame);
+    s->again = false;
+    w->give_back(w->ctx, s);
+    atomic_store(&w->spare, k); /* after that: no two sets may hold systems for it */
+}
+
 bool dmn_draws_offer(dmn_draws *w, struct dmn_slot *s, const struct dmn_draws_load *load)
 {
     if (w == NULL)
@@ -142,6 +155,7 @@ bool dmn_draws_offer(dmn_draws *w, struct dmn_slot *s, const struct dmn_draws_lo
     draws_compare(w, &r->selfcal);
     enum dmn_left_out why = DMN_N_LEFT_OUT;
     rec_kept *k = NULL;
+    draws_collect(w);
     bool dear = draws_dear(w);
     if (draws_pressed(w, load) || r->solve.status == REC_DEADLINE)
         why = DMN_LEFT_OUT_TIME;
@@ -171,8 +185,8 @@ void dmn_draws_bars(dmn_draws *w, struct dmn_slot *s)
 
 void dmn_draws_take(dmn_draws *w, struct dmn_slot *s)
 {
-    void *gone;
-    pvx_queue_put(w->queue, s, &gone); /* one set at a time has the spare problem */
+    atomic_store(&w->todo, s); /* one set at a time has the spare problem */
+    sem_post(&w->bell);
 }
 
 void dmn_draws_cancel(dmn_draws *w, struct dmn_slot *s)
@@ -202,11 +216,10 @@ pvx_err dmn_draws_new(const struct dmn_pipeline_params *p,
     pvx_err e =
         rec_running_new(p->S, p->frame.nch, sets > PAUSE_NS ? sets : PAUSE_NS, &w->running, d);
     PVX_THEN(e, rec_kept_new(p->S, p->frame.nch, &w->kept));
-    PVX_THEN(e, pvx_queue_new(1, &w->queue));
+    atomic_store(&w->spare, w->kept);
+    (void)sem_init(&w->bell, 0, 0); /* with 0 it cannot fail */
     if (e != PVX_OK)
         dmn_draws_free(out);
-    else
-        atomic_store(&w->spare, w->kept);
     return e;
 }
 
@@ -224,7 +237,7 @@ void dmn_draws_join(dmn_draws *w)
     if (w == NULL || !w->started)
         return;
     atomic_store(&w->ending, true);
-    pvx_queue_close(w->queue);
+    sem_post(&w->bell);
     pthread_join(w->thread, NULL);
     w->started = false;
 }
@@ -235,7 +248,7 @@ void dmn_draws_free(dmn_draws **w)
         return;
     rec_running_free(&(*w)->running);
     rec_kept_free(&(*w)->kept);
-    pvx_queue_free(&(*w)->queue);
+    sem_destroy(&(*w)->bell);
     PVX_FREE(*w);
 }
 

@@ -3,8 +3,8 @@
  * A thread of the lowest priority (nice 19) has a running estimate (recon/frame/running.h).  The solve stage offers it each
  * solved set.  It takes one if it has nothing to do and the live path has time to spare.  Then the slot keeps its systems
  * and the problem that was solved, and the solver gets another problem in exchange.  After the set was published the
- * thread repeats its solve, alone, without the pool of the stages, and gives the slot back.  So no volume waits for it:
- * the pipeline has one slot and one system more.  A volume's bars come from the sets before it.
+ * thread repeats its solve, alone, without the pool of the stages, and the solve stage takes the slot back.  So no volume
+ * waits for it: the pipeline has one slot and one system more, and the thread takes no lock of a stage.  A volume's bars come from the sets before it.
  * A set that is not taken is counted by its cause.  The live path has no time to spare while a set waits for the solver,
  * when the set's solve ended at its deadline, for DMN_DRAWS_REST sets after one was dropped, and while the solver waits
  * for less than DMN_DRAWS_LEAST of the time.  And the thread takes at most DMN_DRAWS_SHARE times the processor time of
@@ -22,7 +22,7 @@
 
 typedef struct dmn_draws dmn_draws;
 
-/* give_back: called by the thread with a slot that it has done with.  Errors: PVX_ENOMEM. */
+/* give_back: called by the solve stage with a slot that the thread has done with.  Errors: PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_draws_new(const struct dmn_pipeline_params *p,
                                      void (*give_back)(void *ctx, struct dmn_slot *s), void *ctx,
                                      dmn_draws **out, struct pvx_diag *d);

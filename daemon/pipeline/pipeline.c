@@ -268,7 +268,7 @@ static bool pipeline_solve(void *ctx)
 
 /* ---- sink ---- */
 
-/* Called by the thread that solves sets once more. */
+/* A set that was solved once more. */
 static void pipeline_done_again(void *ctx, struct dmn_slot *s)
 {
     pipeline_give_back(ctx, s);
