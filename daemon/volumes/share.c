@@ -59,6 +59,11 @@ pvx_err vol_share_put(vol_share *s, const struct pvp_start *start, const struct 
     void *grids;
     size_t size;
     char err[256] = "";
+    if (strcmp(start->units, VOL_UNITS_KELVIN) == 0)
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: temperatures are not shared, since a renderer would take them for "
+                        "light: `pyrovox record --format vdb` writes them as a grid of their own",
+                        s->name);
     s->about.start = *start;
     s->about.split = s->split && v->v.grid.channels == 3;
     s->about.unit_m = 1;

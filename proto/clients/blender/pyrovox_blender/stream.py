@@ -258,6 +258,8 @@ class Stream:
             kind = m["type"]
             if kind == "start":
                 self.grid = _page.decode_body(kind, body, self.memory, None)
+                if self.grid["units"] == "K":
+                    raise Hopeless("this bridge has temperatures, which are no light: bake them by `pyrovox convert` to .vdb")
             elif kind == "end":
                 self.reason = str(_page.decode_body(kind, body, self.memory, None)["reason"])
             elif kind == "volume":
