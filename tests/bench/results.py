@@ -7,6 +7,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+import bars
 import judge
 
 folder, here = Path(sys.argv[1]), Path(__file__).parent
@@ -148,5 +149,6 @@ live = folder / "live.md"
 say(live.read_text().strip() if live.exists() else "Not run.")
 take = [l.rstrip() for l in log if l.startswith(("plain write", "take", "reading back", "best of 3", "-- raw"))]
 say("", "## Raw recording", "", "```", *take, "```")
+say("", *bars.lines(bars.read(folder)))
 (here / "RESULTS.md").write_text("\n".join(out) + "\n")
 print("written: %s" % (here / "RESULTS.md"))
