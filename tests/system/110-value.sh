@@ -74,7 +74,7 @@ page = xml.dom.minidom.parse("page/report.html")
 text = open("page/report.html").read()
 assert [h.firstChild.data for h in page.getElementsByTagName("h2")] == [
     "Setup", "Cameras and calibration", "Rates and losses", "One volume", "Course", "Left-out views", "Advice",
-    "Versions and options", "rig.yaml, as it was in effect"], text
+    "Versions and options", "How it was reconstructed", "rig.yaml, as it was in effect"], text
 assert len(page.getElementsByTagName("img")) == 3 and len(page.getElementsByTagName("svg")) == 4
 rows = list(csv.DictReader(open("page/sets.csv")))
 assert len(rows) == 8 and "8, numbers 0 to 7" in text and "24 x 24 x 24" in text
@@ -91,6 +91,8 @@ END
     ! command -v weasyprint > /dev/null || [ "$(head -c 5 page/report.pdf)" = %PDF- ] || return 1
     sha256sum page/* > before
     run "$pyrovox" report solved.h5 --rig rig.yaml --out page; says 1 'page/report.html is there already' && sha256sum --quiet -c before || return 1
+    mkdir kept && echo mine > kept/sets.csv
+    run "$pyrovox" report solved.h5 --rig rig.yaml --out kept; says 1 'kept/sets.csv is there already' && [ "$(cat kept/sets.csv)" = mine ] && [ ! -e kept/report.html ] || return 1
     run "$pyrovox" report solved.h5 --rig rig.yaml --out plain --set 3 --quiet; says 0 && grep -q 'Set 3, three' plain/report.html && grep -q 'give --frames' plain/report.html
 }
 # Another rig, another recording, and one that made no depth.

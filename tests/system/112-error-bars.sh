@@ -23,6 +23,7 @@ import csv, glob, h5py, numpy as np
 plain, bars, two, parts = (h5py.File(n + ".h5", "r") for n in ("plain", "bars", "two", "parts"))
 assert "emission_sd" not in plain and bars["emission"][:].any()
 assert np.array_equal(plain["emission"][:], bars["emission"][:])
+assert b"--error-bars 8" in bars["config"][()] and b"--black 0.02" in parts["config"][()]
 for other in two, parts:
     for k in "emission", "emission_sd", "emission_modes":
         assert np.array_equal(bars[k][:], other[k][:]), (other.filename, k)

@@ -54,22 +54,39 @@ static error_t report_parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-/* The rig must be the one that the volumes were made with; its grid may be another.  Folders of `reconstruct` do not say
- * which it was. */
+static void report_grid(const struct pvp_grid *from, struct rec_grid *g)
+{
+    for (int a = 0; a < 3; a++) {
+        g->n[a] = (int32_t)from->n[a];
+        g->min[a] = from->min[a];
+        g->max[a] = from->max[a];
+    }
+    g->basis = from->basis == 1 ? REC_TRILINEAR : REC_BOX;
+}
+
+/* The hash of the rig that the recording keeps as text, on its grid; 0: it keeps none that can be read. */
+static uint64_t report_kept(const struct vol_head *h)
+{
+    struct rec_rig was;
+    if (h->rig == NULL || h->rig[0] == '\0' ||
+        rec_rig_parse(h->rig, strlen(h->rig), "its rig", &was, NULL) != PVX_OK)
+        return 0;
+    report_grid(&h->start.grid, &was.grid);
+    uint64_t hash = rec_rig_hash(&was);
+    rec_rig_fini(&was);
+    return hash;
+}
+
+/* The rig must be the one that the volumes were made with; its grid may be another. */
 static pvx_err report_rig(struct report *r, struct pvx_diag *d)
 {
     const struct pvp_start *s = &r->head->start;
+    const uint64_t hash = s->rig_hash != 0 ? s->rig_hash : report_kept(r->head);
     PVX_TRY(rec_rig_load(r->a.rig, &r->rig, d));
-    struct rec_grid *g = &r->rig.grid;
-    for (int a = 0; a < 3; a++) {
-        g->n[a] = (int32_t)s->grid.n[a];
-        g->min[a] = s->grid.min[a];
-        g->max[a] = s->grid.max[a];
-    }
-    g->basis = s->grid.basis == 1 ? REC_TRILINEAR : REC_BOX;
+    report_grid(&s->grid, &r->rig.grid);
     if (r->a.cameras != NULL)
         PVX_TRY(rec_rig_select(&r->rig, r->a.cameras, d));
-    if (s->rig_hash != 0 && rec_rig_hash(&r->rig) != s->rig_hash)
+    if (hash != 0 && rec_rig_hash(&r->rig) != hash)
         return pvx_fail(d, PVX_ESTALE,
                         "%s: was made with another rig than %s: a camera, its pose or its lens "
                         "differs; give the rig.yaml that made it, and --cameras if it used some",
@@ -100,10 +117,16 @@ static pvx_err report_choose(struct report *r, struct pvx_diag *d)
 /* Nothing is written over, and the folder is made. */
 static pvx_err report_place(const struct report *r, struct pvx_diag *d)
 {
+    static const char *const names[] = {"report.html", "report.pdf",  "sets.csv",
+                                        "slice-x.png", "slice-y.png", "slice-z.png",
+                                        "bar-x.png",   "bar-y.png",   "bar-z.png"};
     char path[4300];
     PVX_TRY(pvx_mkdirs(r->out, d));
-    snprintf(path, sizeof path, "%s/report.html", r->out);
-    return cli_may_write(path, r->force, d);
+    for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
+        snprintf(path, sizeof path, "%s/%s", r->out, names[k]);
+        PVX_TRY(cli_may_write(path, r->force, d));
+    }
+    return PVX_OK;
 }
 
 /* The temperatures must be of the same sets. */

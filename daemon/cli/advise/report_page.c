@@ -13,6 +13,9 @@
 #include "recon/calib/calib.h"
 #include "recon/solve/params.h"
 
+/* How the configuration of an offline recording begins (daemon/VOLUMES.md). */
+#define RECONSTRUCTED "# options of pyrovox reconstruct"
+
 static void page_row(FILE *f, const char *name, const char *text)
 {
     fputs("<tr><th>", f);
@@ -110,7 +113,7 @@ static void page_cameras(FILE *f, const struct report *r)
                 p->has_noise ? "noise" : "");
     }
     fputs("</table></div>\n", f);
-    if (r->head->start.rig_hash == 0)
+    if (r->head->start.rig_hash == 0 && (r->head->rig == NULL || r->head->rig[0] == '\0'))
         page_said(f,
                   "The recording does not say which rig made it. This is the one that was given.");
     if (none > 0)
@@ -379,10 +382,14 @@ static void page_versions(FILE *f, const struct report *r)
     }
     fputs("</code></td></tr>\n</table></div>\n", f);
     if (r->head->config != NULL && r->head->config[0] != '\0')
-        page_pre(f, "pyrovoxd.yaml, every key", r->head->config);
+        page_pre(f,
+                 strncmp(r->head->config, RECONSTRUCTED, strlen(RECONSTRUCTED)) == 0
+                     ? "How it was reconstructed"
+                     : "pyrovoxd.yaml, every key",
+                 r->head->config);
     else
-        page_said(f, "The recording does not say its options: `pyrovox reconstruct` made it, or "
-                     "`pyrovox record` without the daemon's configuration.");
+        page_said(f, "The recording does not say its options: it is a folder of `pyrovox "
+                     "reconstruct`, or `pyrovox record` had no configuration of the daemon.");
     if (r->head->rig != NULL && r->head->rig[0] != '\0')
         page_pre(f, "rig.yaml, as it was in effect", r->head->rig);
 }

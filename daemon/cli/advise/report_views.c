@@ -1,6 +1,7 @@
 /* report_views.c - what the pictures of the recording add to a report: left-out views, and advice. */
 #include <math.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include "daemon/cli/advise/report.h"
 #include "recon/check/holdout.h"
@@ -102,7 +103,14 @@ pvx_err report_views(struct report *r, struct pvx_diag *d)
     if (r->a.frames == NULL)
         return PVX_OK;
     views_between(&r->a, &r->course);
-    pvx_err e = flame_sets_load(&s, &r->a, d);
+    struct pvx_diag why = {""};
+    pvx_err e = flame_sets_load(&s, &r->a, &why);
+    if (e == PVX_ENOENT && access(r->a.frames, F_OK) == 0)
+        e = pvx_fail(d, PVX_ESTALE,
+                     "%s: none of its sets is in %s, so it is of another recording (%s)",
+                     r->a.frames, r->in, pvx_diag_text(&why, e));
+    else if (e != PVX_OK)
+        e = pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
     PVX_THEN(e, views_same(r, &s, d));
     PVX_THEN(e, views_measure(r, &s, d));
     if (e == PVX_OK && s.rig.n_cameras >= 4)

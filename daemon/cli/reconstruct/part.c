@@ -104,6 +104,7 @@ pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstr
 {
     char path[4400];
     size_t first, end;
+    p->said = o->said;
     if (o->parts == 0) {
         p->path = strdup(o->out);
         return p->path != NULL ? vol_writer_check(VOL_HDF5, o->out, d) : PVX_ENOMEM;
@@ -143,7 +144,7 @@ static pvx_err part_take_over(struct reconstruct_part *p, const struct rec_rig *
         part_is_there(p->path)) /* that copy was not finished */
         unlink(p->path);
     PVX_TRY(volumes_out_new(p->path, rig, in->nch, p->part != NULL ? parts_session(&p->job) : 1,
-                            &p->out, d));
+                            p->said, &p->out, d));
     if (p->part == NULL || !part_is_there(aside))
         return PVX_OK;
     struct pvx_diag why = {""};
@@ -191,7 +192,7 @@ static pvx_err put_seam(struct reconstruct_part *p, const struct dmn_slot *s,
     volumes_out *seam;
     snprintf(path, sizeof path, "%.*s.seam.h5", (int)strlen(p->path) - 3, p->path);
     unlink(path);
-    PVX_TRY(volumes_out_new(path, rig, nch, parts_session(&p->job), &seam, d));
+    PVX_TRY(volumes_out_new(path, rig, nch, parts_session(&p->job), p->said, &seam, d));
     pvx_err e = volumes_out_put(seam, s, d), closing = volumes_out_close(&seam, d);
     return e == PVX_OK ? closing : e;
 }

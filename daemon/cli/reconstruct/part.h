@@ -18,7 +18,8 @@ struct reconstruct_part {
     uint64_t done;   /* volumes of the part, those of earlier tries included */
     uint64_t copied; /* of these, volumes of earlier tries */
     volumes_out *out;
-    char *path; /* of the part's file */
+    char *path;       /* of the part's file */
+    const char *said; /* the options, borrowed */
 };
 
 /* Take the part that o names, or all sets.  `in` keeps only its sets.  Of files, only OUT.parts is written.

@@ -1,5 +1,6 @@
 #include "daemon/cli/reconstruct/volumes_out.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,8 +17,28 @@ struct volumes_out {
     size_t floats;
 };
 
+/* The options as comments of YAML, so that the recording says how it was made; NULL: no memory. */
+static char *volumes_out_options(const char *options)
+{
+    char *text = NULL;
+    size_t len;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return NULL;
+    fputs(VOLUMES_OUT_OPTIONS, f);
+    for (const char *at = options; *at != '\0';) {
+        size_t n = strcspn(at, "\n");
+        fprintf(f, "# %.*s\n", (int)n, at);
+        at += n + (at[n] == '\n');
+    }
+    if (fclose(f) == 0)
+        return text;
+    free(text);
+    return NULL;
+}
+
 pvx_err volumes_out_new(const char *path, const struct rec_rig *rig, int nch, uint64_t session,
-                        volumes_out **out, struct pvx_diag *d)
+                        const char *options, volumes_out **out, struct pvx_diag *d)
 {
     char *text;
     size_t len;
@@ -28,8 +49,10 @@ pvx_err volumes_out_new(const char *path, const struct rec_rig *rig, int nch, ui
     o->start.session = session;
     pvx_err e = rec_rig_format(rig, &text, &len);
     if (e == PVX_OK) {
-        struct vol_head head = {.start = o->start, .rig = text};
+        char *config = volumes_out_options(options);
+        struct vol_head head = {.start = o->start, .rig = text, .config = config};
         e = vol_writer_open(VOL_HDF5, path, &head, NULL, &o->w, d);
+        free(config);
         free(text);
     }
     if (e == PVX_OK)

@@ -6,10 +6,12 @@
 #include "daemon/volumes/volumes.h"
 
 typedef struct volumes_out volumes_out;
+#define VOLUMES_OUT_OPTIONS "# options of pyrovox reconstruct\n" /* first line of /config */
 /* Make a new file.  An existing file is not overwritten.  rig: as it is used for solving.  session: the same for all
- * parts of a recording, otherwise any number.  Errors: those of vol_writer_open. */
+ * parts of a recording, otherwise any number.  options: one a line.  Errors: those of vol_writer_open. */
 PVX_MUST_CHECK pvx_err volumes_out_new(const char *path, const struct rec_rig *rig, int nch,
-                                       uint64_t session, volumes_out **out, struct pvx_diag *d);
+                                       uint64_t session, const char *options, volumes_out **out,
+                                       struct pvx_diag *d);
 /* Copy all whole volumes of an earlier recording of the same rig.  *last: number of the last set, unchanged if none.
  * Errors: PVX_ESTALE (it is of another rig), those of vol_reader_open, vol_writer_put; PVX_ECANCELED. */
 PVX_MUST_CHECK pvx_err volumes_out_copy(volumes_out *o, const char *from, uint64_t *n,

@@ -58,5 +58,5 @@ const char report_style[] =
     ".lens{fill:var(--fg)}.bar{fill:none;stroke:var(--fg);stroke-width:1.5}\n"
     ".plus{fill:var(--cell)}.minus{fill:var(--warn)}\n"
     "@media print{body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}"
-    "figure,tr,li,.verdict{break-inside:avoid}h2,h3{break-after:avoid}"
+    "figure,tr,li,.verdict{break-inside:avoid}h2,h3,h2+p{break-after:avoid}"
     "*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}\n";
