@@ -100,24 +100,24 @@ for name, where in ("all", np.ones_like(inside)), ("part", inside):
             own = np.maximum(sd[ok] ** 2 - (m**2).sum(0), 0)
             bar = unit * np.sqrt((m.sum(1) ** 2).sum() + own.sum())
             assert np.isclose(float(r[key + "_sd"]), bar, rtol=1e-4), (key, r[key + "_sd"], bar)
-            # far above independent voxels, far below one voxel's
-            assert 1.5 * unit * np.sqrt((sd[ok] ** 2).sum()) < bar < unit * sd[ok].sum(), key
+            # above what voxels have for themselves, below what they would have if all errors were one
+            assert unit * np.sqrt(own.sum()) < bar < unit * sd[ok].sum(), key
+            assert key != "mean" or bar > 1.5 * unit * np.sqrt((sd[ok] ** 2).sum())
         assert r["volume_sd"] == ""
         far.append((t["temperature"][i][ok].mean() - right[ok].mean()) / float(r["mean_sd"]))
-print(far)
 assert np.abs(far).max() < 3, far
 assert abs(t.attrs["misfit"]) < 4 * t.attrs["misfit_sd"] and 0 < t.attrs["misfit_sd"] < 0.05 and 0 < t.attrs["chi2_mean"] < 2
 END
 }
 check means_have_their_bars kelvin
 
-curves() { # of another camera, calibrated by the same lamp: no voxel tells, all together do
+curves() { # of another camera, calibrated by the same lamp: most voxels fit, all together do not
     run "$pyrovox" temperature flame.h5 --rig wrong.yaml --exposure "$ms" --quiet --out wrong.h5
     says 0 'the light does not fit the response curves of wrong.yaml' 'green than soot gives' || return 1
     "$py" -c 'import h5py
 t = h5py.File("wrong.h5", "r")
 assert abs(t.attrs["misfit"]) > 4 * t.attrs["misfit_sd"]
-assert (t["state"][:] == 1).sum() > 10 * (t["state"][:] == 2).sum()'
+assert (t["state"][:] == 1).sum() > (t["state"][:] == 2).sum()'
 }
 check other_curves_show_in_the_whole curves
 
