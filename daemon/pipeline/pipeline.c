@@ -21,8 +21,8 @@ struct dmn_pipeline {
     rec_solver *solver; /* the solve stage's */
     struct dmn_slot slot[DMN_N_SLOTS + DMN_N_AGAIN];
     rec_systems *systems[DMN_N_SYSTEMS + DMN_N_AGAIN];
-    rec_bars *bars[DMN_N_SLOTS]; /* of each slot's volume; NULL: none are wanted */
-    dmn_draws *draws;            /* or NULL */
+    rec_bars *bars[DMN_N_SLOTS + DMN_N_AGAIN]; /* of each slot's volume; NULL: none are wanted */
+    dmn_draws *draws;                          /* or NULL */
     pvx_queue *idle, *idle_systems, *to_solve, *to_sink;
     struct dmn_stage stage[DMN_N_STAGES];
     _Atomic int64_t waited_ns; /* by the solver, for a set, after its first */
@@ -392,10 +392,10 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     dmn_pipeline *p = *pp;
     if (p == NULL)
         return;
-    for (size_t i = 0; i < DMN_N_SLOTS + DMN_N_AGAIN; i++)
+    for (size_t i = 0; i < DMN_N_SLOTS + DMN_N_AGAIN; i++) {
         rec_frame_free(&p->slot[i].frame);
-    for (size_t i = 0; i < DMN_N_SLOTS; i++)
         rec_bars_free(&p->bars[i]);
+    }
     dmn_draws_free(&p->draws);
     for (size_t i = 0; i < DMN_N_SYSTEMS + DMN_N_AGAIN; i++)
         rec_systems_free(&p->systems[i]);
