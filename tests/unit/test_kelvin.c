@@ -50,7 +50,7 @@ static void write_file(const char *name, bool absolute)
             .n_bricks = 2,
             .ids = ids};
         const float *const all[FIELDS] = {value[0], value[1], value[2], value[3]};
-        T_EQ_I(vol_thermal_put(w, &v, all, &d), PVX_OK);
+        T_EQ_I(vol_thermal_put(w, &v, all, NULL, &d), PVX_OK);
     }
     T_EQ_I(vol_thermal_close(&w, true, &d), PVX_OK);
 }
