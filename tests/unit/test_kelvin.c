@@ -33,6 +33,7 @@ static void write_file(const char *name, bool absolute)
                                       .session = 40,
                                       .rig_hash = 7},
                             .rig = "version: 1\n"};
+    const struct vol_thermal_modes none = {.n = 0};
     vol_thermal *w;
     snprintf(path, sizeof path, "%s/%s.h5", dir, name);
     T_CHECK_(vol_thermal_open(path, &head, field, FIELDS, &w, &d) == PVX_OK, "%s", d.text);
@@ -50,7 +51,7 @@ static void write_file(const char *name, bool absolute)
             .n_bricks = 2,
             .ids = ids};
         const float *const all[FIELDS] = {value[0], value[1], value[2], value[3]};
-        T_EQ_I(vol_thermal_put(w, &v, all, NULL, &d), PVX_OK);
+        T_EQ_I(vol_thermal_put(w, &v, all, &none, &d), PVX_OK);
     }
     T_EQ_I(vol_thermal_close(&w, true, &d), PVX_OK);
 }
