@@ -18,6 +18,9 @@
 
 /* X over its deviation: above this, the curves do not fit (NUMERICS.md, 22). */
 #define REC_MISFIT_MOST 4.0
+/* Share of the voxels with light that must be soot or not soot.  Thin flames have fewer, whose dim channels have lost
+ * detail: that is another colour too. */
+#define REC_MISFIT_SHARE 0.1
 
 #define REC_MISFIT_MODES 256u
 

@@ -149,25 +149,41 @@ static void course_heat(const struct vol_thermal_set *t, const struct vol_cells 
     row->figure[COURSE_SOOTY] = (struct vol_figure){n * V, NAN};
 }
 
-/* Variance of the sum of a field over the voxels of m: sum_k (sum_q d_kq)^2 + sum_q t_q^2 (volumes.h).  own [voxels] is work
- * space. */
-static pvx_err course_sum_bar(vol_thermal_reader *r, uint64_t k, const struct vol_thermal_set *t,
-                              int field, const struct vol_cells *m, double *own, double *var,
-                              struct pvx_diag *d)
+/* Square of the deviation of each voxel of m that has a number; -1: it is not in the sum. */
+static void course_own(const struct vol_thermal_set *t, int field, const struct vol_cells *m,
+                       double *own)
 {
-    const float *x = t->value[field], *sd = t->value[field + 1], *mode;
     const uint32_t *n = m->g->n;
-    const size_t voxels = pvp_grid_count(m->g);
-    *var = 0;
-    for (size_t q = 0; q < voxels; q++) {
+    for (size_t q = 0, voxels = pvp_grid_count(m->g); q < voxels; q++) {
         const uint32_t at[3] = {(uint32_t)(q % n[0]), (uint32_t)(q / n[0] % n[1]),
                                 (uint32_t)(q / n[0] / n[1])};
-        bool in = !isnan(x[q]) && !isnan(t->value[VOL_KELVIN][q]) && vol_cells_in(m, at);
-        own[q] = in ? (double)sd[q] * (double)sd[q] : -1; /* -1: not in the sum */
+        bool in =
+            !isnan(t->value[field][q]) && !isnan(t->value[VOL_KELVIN][q]) && vol_cells_in(m, at);
+        own[q] = in ? pow((double)t->value[field + 1][q], 2) : -1;
     }
-    for (uint32_t i = 0; i < t->n_modes; i++) {
+}
+
+/* Set k of r, and a region of it. */
+struct course_hot {
+    vol_thermal_reader *r;
+    uint64_t k;
+    const struct vol_thermal_set *t;
+    const struct vol_cells *m;
+    double *own; /* [voxels] work space */
+};
+
+/* Variance of the sum of a field over the region: sum_k (sum_q d_kq)^2 + sum_q t_q^2 (volumes.h). */
+static pvx_err course_sum_bar(const struct course_hot *h, int field, double *var,
+                              struct pvx_diag *d)
+{
+    const size_t voxels = pvp_grid_count(h->m->g);
+    const float *mode;
+    double *own = h->own;
+    *var = 0;
+    course_own(h->t, field, h->m, own);
+    for (uint32_t i = 0; i < h->t->n_modes; i++) {
         double sum = 0;
-        PVX_TRY(vol_thermal_mode(r, k, field, i, &mode, d));
+        PVX_TRY(vol_thermal_mode(h->r, h->k, field, i, &mode, d));
         for (size_t q = 0; q < voxels; q++)
             if (own[q] >= 0) {
                 sum += (double)mode[q];
@@ -193,10 +209,11 @@ static pvx_err course_heat_bars(vol_thermal_reader *r, uint64_t k, const struct 
         return PVX_OK;
     double *own = pvx_calloc(pvp_grid_count(m->g), sizeof *own);
     PVX_NEED(own);
-    pvx_err e = course_sum_bar(r, k, t, VOL_KELVIN, m, own, &var, d);
+    const struct course_hot hot = {r, k, t, m, own};
+    pvx_err e = course_sum_bar(&hot, VOL_KELVIN, &var, d);
     f[COURSE_KELVIN].sd = sqrt(var) / (f[COURSE_SOOTY].v / V);
     if (e == PVX_OK && isfinite(f[COURSE_SOOT].v)) {
-        e = course_sum_bar(r, k, t, VOL_SOOT, m, own, &var, d);
+        e = course_sum_bar(&hot, VOL_SOOT, &var, d);
         f[COURSE_SOOT].sd = sqrt(var) * f[COURSE_SOOT].v / (f[COURSE_SOOT_VOLUME].v / V / 1e3);
         f[COURSE_SOOT_VOLUME].sd = sqrt(var) * V * 1e3;
     }

@@ -184,8 +184,11 @@ static pvx_err put_notes(const struct temperature_args *a, const struct rec_spec
 /* The mean misfit of the light, and whether it says that the curves are others. */
 static bool misfit_far(const struct temperature_voxels *t, double *x, double *sd)
 {
+    double all = 0;
+    for (int k = 0; k < REC_N_SOOT_STATES; k++)
+        all += (double)t->sums.state[k];
     rec_misfit_mean(&t->sums.misfit, x, sd);
-    return fabs(*x) > REC_MISFIT_MOST * *sd;
+    return t->sums.judged >= REC_MISFIT_SHARE * all && fabs(*x) > REC_MISFIT_MOST * *sd;
 }
 
 static pvx_err put_verdict(const struct temperature_voxels *t, vol_thermal *out, struct pvx_diag *d)
