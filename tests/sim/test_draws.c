@@ -90,6 +90,7 @@ static void bed_new(struct bed *b, bool draws, const struct rec_frame_params *fr
                                     .frame = *frame,
                                     .warm = warm,
                                     .draws = draws,
+                                    .waiting = DMN_WAITING_MAX, /* all slots */
                                     .period_ns = 50 * PVX_NS_PER_MS,
                                     .source = {bed_next, b},
                                     .sink = {.name = "put", .put = bed_put, .ctx = b}};
