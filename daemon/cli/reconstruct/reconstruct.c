@@ -47,6 +47,7 @@ struct job {
     /* the sink's: */
     hull_picture *picture;   /* NULL = none wanted */
     float *dense, *dense_sd; /* dense_sd: with error bars */
+    bool kept;               /* rig.yaml lies beside the volumes */
     cJSON *list;             /* of frames, in the report */
     struct cli_progress bar;
     size_t sets;                    /* received so far */
@@ -190,6 +191,26 @@ static pvx_err reconstruct_belong(struct job *j, const struct dmn_slot *s, struc
     return PVX_OK;
 }
 
+/* The rig that was used, as a recording keeps it.  A rig.yaml that is there is somebody's, perhaps --rig itself. */
+static pvx_err keep_rig(const struct job *j, struct pvx_diag *d)
+{
+    char path[4300], *text, *was = NULL;
+    size_t len, n = 0;
+    snprintf(path, sizeof path, "%s/rig.yaml", j->o->out);
+    PVX_TRY(rec_rig_format(&j->rig, &text, &len));
+    pvx_err e = pvx_file_read(path, 16 << 20, &was, &n, NULL);
+    if (e == PVX_OK && (n != len || memcmp(was, text, n) != 0))
+        fprintf(stderr,
+                "pyrovox: %s: was there before, so it is left, and later commands take it for the "
+                "rig of these volumes\n",
+                path);
+    else if (e == PVX_ENOENT)
+        e = pvx_file_write(path, text, len, d);
+    free(was);
+    free(text);
+    return e == PVX_ENOENT || e == PVX_OK ? PVX_OK : e;
+}
+
 static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     unsigned long long no = s->set;
@@ -226,30 +247,13 @@ static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct 
                                     .report = r,
                                     .bars = s->bars.sd != NULL,
                                     .doubt = s->bars.doubt};
+        if (!j->kept)
+            PVX_TRY(keep_rig(j, d));
+        j->kept = true;
         PVX_TRY(dmn_volume_save(path, &m, j->dense, j->dense_sd, d));
     }
     reconstruct_hints_add(&j->hints, r, &v, j->o->fit ? &j->whole : NULL);
     return PVX_OK;
-}
-
-/* The rig that was used, as a recording keeps it.  A rig.yaml that is there is somebody's, perhaps --rig itself. */
-static pvx_err keep_rig(const struct job *j, struct pvx_diag *d)
-{
-    char path[4300], *text, *was = NULL;
-    size_t len, n = 0;
-    snprintf(path, sizeof path, "%s/rig.yaml", j->o->out);
-    PVX_TRY(rec_rig_format(&j->rig, &text, &len));
-    pvx_err e = pvx_file_read(path, 16 << 20, &was, &n, NULL);
-    if (e == PVX_OK && (n != len || memcmp(was, text, n) != 0))
-        fprintf(stderr,
-                "pyrovox: %s: was there before, so it is left, and later commands take it for the "
-                "rig of these volumes\n",
-                path);
-    else if (e == PVX_ENOENT)
-        e = pvx_file_write(path, text, len, d);
-    free(was);
-    free(text);
-    return e == PVX_ENOENT || e == PVX_OK ? PVX_OK : e;
 }
 
 /* The sink.  After an error it stops the source and writes nothing more. */
@@ -409,8 +413,6 @@ static pvx_err reconstruct_prepare(struct job *j, struct pvx_diag *d)
         PVX_TRY(reconstruct_part_open(&j->part, &j->rig, &j->in, d));
     else
         PVX_TRY(pvx_mkdirs(o->out, d));
-    if (!o->recording)
-        PVX_TRY(keep_rig(j, d));
     if (o->save_hull != NULL)
         PVX_TRY(pvx_mkdirs(o->save_hull, d));
     PVX_TRY(frames_in_begin(&j->in, j->S->binning, o->reading.mosaic, d));
