@@ -63,7 +63,7 @@ import sys
 import numpy as np
 import pyrovox
 import pyrovox_sub as pvx
-good = same = 0
+good, same, v = 0, 0, None
 with pvx.Subscriber(sys.argv[2]) as flame, pvx.Subscriber(sys.argv[1]) as sub:
     for m in sub:
         if m["type"] == "start":
@@ -75,13 +75,14 @@ with pvx.Subscriber(sys.argv[2]) as flame, pvx.Subscriber(sys.argv[1]) as sub:
         known = T > 0
         assert np.array_equal(known, sd > 0), (known.sum(), (sd > 0).sum())
         assert not known.any() or (800 < T[known].min() and T[known].max() < 3200 and (sd[known] / T[known]).max() <= 0.1001)
-        if "late" in m["doubts"] or known.sum() < 200:
+        if "late" in m["doubts"] or known.sum() < 40:
             continue
         hold = (np.abs(T - 1900) < 2 * sd)[known].mean()
         print(m["set"], known.sum(), T[known].mean(), sd[known].mean(), hold)
-        assert hold > 0.9 and abs(T[known].mean() / 1900 - 1) < 0.02, (m["set"], hold, T[known].mean())
+        assert hold > 0.9 and abs(T[known].mean() / 1900 - 1) < 0.03, (m["set"], hold, T[known].mean())
         # of the set and the time of a volume, which came before, and only where that has light
-        v = next(v for v in flame if v["type"] == "volume" and v["set"] >= m["set"])
+        while v is None or v["set"] < m["set"]:
+            v = next(f for f in flame if f["type"] == "volume")
         if v["set"] == m["set"]:
             assert v["t_exposure_ns"] == m["t_exposure_ns"] and flame.session == sub.session and (v["dense"][known] > 0).any(-1).all()
             same += 1
@@ -104,8 +105,10 @@ recorded() {
     "$py" -c 'import csv, sys
 rows = list(csv.DictReader(open(sys.argv[1])))
 assert len(rows) == 4
-for r in rows:
-    assert abs(float(r["mean_K"]) / 1900 - 1) < 0.02 and float(r["hottest_sd"]) > 0 and r["soot_ppm"] == "" and float(r["volume_m3"]) > 0, r' "$dir/k.csv" || return 1
+some = [r for r in rows if r["mean_K"]]
+assert some
+for r in some:
+    assert abs(float(r["mean_K"]) / 1900 - 1) < 0.03 and float(r["hottest_sd"]) > 0 and r["soot_ppm"] == "" and float(r["volume_m3"]) > 0, r' "$dir/k.csv" || return 1
     run "$pyrovox" value "$dir/k.h5" --above 3; says 1 'k.h5: has temperatures' || return 1
     run "$pyrovox" temperature "$dir/k.h5" --rig "$dir/soot.yaml" --out "$dir/no.h5"; says 1 'k.h5: has temperatures [K], and emission [1/m] is needed' || return 1
     run "$pyrovox" report "$dir/k.h5" --rig "$dir/soot.yaml" --out "$dir/page"; says 1 'k.h5: has temperatures [K]' || return 1
@@ -120,8 +123,10 @@ vdb() {
     run "$pyrovox" convert "$dir/k.h5" "$dir/vdb" --format vdb; says 0 '4 volumes' || return 1
     "$py" - "$dir" << 'END'
 import glob, sys, h5py, numpy as np, pyopenvdb as vdb
-T = h5py.File(sys.argv[1] + "/k.h5")["emission"][0, ..., 0]
-grids = {g.name: g for g in vdb.readAll(sorted(glob.glob(sys.argv[1] + "/vdb/*.vdb"))[0])[0]}
+f = h5py.File(sys.argv[1] + "/k.h5")
+most = (f["emission"][:] > 0).sum((1, 2, 3, 4)).argmax()
+T, frame = f["emission"][most, ..., 0], f["sets/number"][most] - f["sets/number"][0]
+grids = {g.name: g for g in vdb.readAll(sorted(glob.glob(sys.argv[1] + "/vdb/*.vdb"))[int(frame)])[0]}
 assert set(grids) == {"density", "temperature"}, grids
 for name, want in ("temperature", T), ("density", (T > 0) * 1.0):
     a = np.zeros(T.shape[::-1], np.float32)
