@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/random.h"
 #include "recon/frame/impl.h"
 #include "recon/frame/parts.h"
 
@@ -19,6 +20,7 @@
 #define UNSEEN  0.8
 #define MOST    6.0
 #define ROUGH   0.09
+#define BLOCK   8  /* voxels along a side, over which (5) has one sign */
 #define LEAST   6  /* iterations, at least */
 #define VIEWS   80 /* J: iterations times cameras, at least: of few cameras each one matters more */
 #define POOR    25.0 /* doubt: sigma^2 over that of the dark */
@@ -29,7 +31,7 @@ struct rec_bars {
     uint32_t K;
     size_t cs, voxels, bytes;
     void *areas;
-    float *modes, *sd; /* [K + 1][n][cs], [n][cs] */
+    float *modes, *sd; /* [K + 2][n][cs], [n][cs] */
     float *mean;       /* [n][cs] */
     struct rec_spread spread;
     rec_perturb *perturb;
@@ -48,7 +50,7 @@ static size_t bars_lay_out(struct rec_bars *b, float *base)
     struct {
         float **to;
         size_t floats;
-    } const parts[] = {{&b->modes, (b->K + 1) * vector},
+    } const parts[] = {{&b->modes, (b->K + 2) * vector},
                        {&b->sd, vector},
                        {&b->mean, vector},
                        {&b->spread.work[0], vector},
@@ -259,6 +261,39 @@ double rec_bars_detail(struct rec_spread *s, const struct rec_perturb_fit fit[4]
     return detail;
 }
 
+/* T: the sign of each block.  The deviations of squares stay as they are. */
+static void bars_signs(const rec_bars *b, float *d)
+{
+    const struct rec_grid *g = &b->f->S->grid;
+    for (size_t i = 0; i < b->vector; i++) {
+        int32_t v = b->f->sub->col[i / b->cs], x = v % g->n[0], y = v / g->n[0] % g->n[1],
+                z = v / g->n[0] / g->n[1];
+        uint64_t block =
+            (uint64_t)(x / BLOCK) | (uint64_t)(y / BLOCK) << 16 | (uint64_t)(z / BLOCK) << 32;
+        d[i] = (pvx_mix(block + 1) & 1) != 0 ? d[i] : -d[i];
+    }
+}
+
+/* S. */
+static void bars_scale(rec_bars *b)
+{
+    const struct rec_selfcal_report *r = &b->f->report.selfcal;
+    double sum = 0, squares = 0, n = 0;
+    for (size_t c = 0; c < b->f->S->n_cameras && r->gain; c++)
+        if (b->f->sub->present[c] && r->camera[c].known) {
+            double g = log((double)r->camera[c].gain);
+            sum += g;
+            squares += g * g;
+            n++;
+        }
+    double mean = n > 1 ? sqrt(fmax(0, squares - sum * sum / n) / (n - 1) / n) : 0;
+    float *d = bars_mode(b, b->out->n_modes++), by[4] = {0};
+    for (int l = 0; l < b->f->nch; l++)
+        by[l] = (float)hypot(mean, b->fit[l].excess);
+    for (size_t i = 0; i < b->vector; i++)
+        d[i] = by[i % b->cs] * b->f->x[i];
+}
+
 /* ---- all of it ----------------------------------------------------------------------------------*/
 
 uint32_t rec_bars_doubt(const struct rec_perturb_fit fit[4], int nch, uint32_t cameras,
@@ -293,6 +328,8 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
     rec_spread_begin(&b->spread, f->sub);
     double detail =
         rec_bars_detail(&b->spread, b->fit, cameras, f->x, b->mean, bars_mode(b, out->n_modes++));
+    bars_signs(b, b->modes);
+    bars_scale(b);
     if (left > 0)
         bars_leave(b, cameras, left);
     bars_draw(b, few || b->K - left < DRAWS ? b->K - left : DRAWS, few, detail);

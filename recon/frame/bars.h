@@ -4,7 +4,7 @@
  * results differ by are modes d_k: deviations that the truth may have from the volume x.  With them
  *     covariance of x = sum_k d_k d_k' + diag(t^2),   sd_q^2 = sum_k d_kq^2 + t_q^2                    (1)
  *     var(w'x) = sum_k (w'd_k)^2 + sum_q w_q^2 t_q^2     any sum over a region                         (2)
- * t^2 is sd^2 - sum d^2.  Three kinds of modes, N cameras believed:
+ * t^2 is sd^2 - sum d^2.  Four kinds of modes, N cameras believed:
  *     J  cameras are left out in G <= K/2 groups.  x_g is the volume without group g, m the mean of the x_g,
  *            d = j (x_g - m),   j^2 = JACK^2 (1 - 1/G) p^2 s,   p = max(1, (GAP - N)/(N - 1))           (3)
  *        1 - 1/G is the factor of the jackknife.  p: between few cameras there are wide gaps, about which each camera
@@ -25,7 +25,12 @@
  *            d_c = f_c (x_r / <<x_r>> - 1) <<x_c>>                                                         (5)
  *            f_c = min(MOST, LOST lambda_c / u_c + UNSEEN (p^2 - 1)^(1/2)) min(1, R / ROUGH)
  *        lambda_c / u_c is how far noise has blurred a channel, p how much the views leave open.  R, the mean square of
- *        d_r / f_r over that of x_r, tells sharp flames from smooth ones, which have no detail to lose.
+ *        d_r / f_r over that of x_r, tells sharp flames from smooth ones, which have no detail to lose.  Lost detail of one
+ *        place knows nothing of that of another, and all of it together is no light: each block of 8x8x8 voxels has a
+ *        sign of its own, by chance.
+ *     S  scale, without a solve: d = s x.  A volume that cannot be negative makes light of noise, which the pictures have
+ *        not, and the gains that self-calibration makes equal may have a wrong mean.  With g the gains that it has found,
+ *            s^2 = (1'W (A x - b) / 1'W b)^2 + var(log g) / N                                           (6)
  * Few modes give each voxel's variance with a large error of its own.  So it is mixed with the mean over 3x3x3 voxels;
  * modes shrink where it falls, t^2 is the rest where it rises (spread.h).  Modes of J and D are longer by the factor by
  * which Student's distribution is wider than the normal one.
@@ -34,7 +39,7 @@
  * Every factor was chosen on some flames and judged on others: NUMERICS.md, 21, which also says what is not in it.
  * Source: the jackknife is Tukey's (Miller, Biometrika 61:1, 1974); perturb.h for the draws; the arrangement is our own.
  * Cost: NUMERICS.md, 21.
- * Memory: K + 4 vectors over voxels in reserved address space.
+ * Memory: K + 5 vectors over voxels in reserved address space.
  * Threads: as rec_frame_solve; same bits for any number.  Allocates nothing after ..._new.  No bit of the volume
  * changes. */
 #ifndef REC_FRAME_BARS_H

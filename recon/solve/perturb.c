@@ -87,6 +87,22 @@ static void perturb_keep_rows(void *ctx, size_t k)
     }
 }
 
+/* `excess` of every lane, from W r. */
+static void perturb_excess(const rec_problem *pb, const float *wr, struct rec_perturb_fit fit[4])
+{
+    double more[4] = {0}, all[4] = {0};
+    size_t cs = (size_t)pb->cs;
+    for (size_t k = 0; k < rec_row_chunks(pb); k++)
+        REC_FOR_ROWS (i, pb->a, k)
+            for (size_t l = 0; l < cs && pb->a->is_row[i]; l++) {
+                float w = pb->in.per_channel ? pb->w4[i * 4 + l] : pb->w[i];
+                more[l] += (double)wr[i * cs + l];
+                all[l] += (double)(w * pb->b[i * cs + l]);
+            }
+    for (int l = 0; l < pb->nch; l++)
+        fit[l].excess = all[l] > 0 ? more[l] / all[l] : 0;
+}
+
 bool rec_perturb_begin(rec_perturb *t, rec_problem *pb, const float *x,
                        struct rec_perturb_fit fit[4])
 {
@@ -98,6 +114,7 @@ bool rec_perturb_begin(rec_perturb *t, rec_problem *pb, const float *x,
     t->x = x;
     rec_residual(pb, x, pb->yv[0], pb->yv[1], rwr);
     pvx_pool_run(pb->a->pool, rec_row_chunks(pb), perturb_keep_rows, t);
+    perturb_excess(pb, pb->yv[1], fit);
     bool any = false;
     memcpy(t->lambda, pb->ended.lambda, sizeof t->lambda);
     for (int l = 0; l < pb->nch; l++) {

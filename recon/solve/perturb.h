@@ -40,6 +40,8 @@ struct rec_perturb_fit {
     double dark2;  /* the pictures' own noise, with that of their light; < 0: unknown */
     double lambda;
     double unit; /* mean diagonal of A'WA */
+    double
+        excess; /* light that the solution has and the pictures have not: 1'W (A x - b) / 1'W b */
 };
 
 /* Takes over a problem that the default method has just solved, with its solution x [n][cs].  Both are borrowed until

@@ -242,6 +242,18 @@ static inline double bars_boxes(const struct dense_bars *d, int boxes, uint64_t 
     return 100 * in / (boxes * (double)d->nch);
 }
 
+/* Root mean square, over the channels, of the error of the whole light over its bar. */
+static inline double bars_total(const struct dense_bars *d)
+{
+    struct cuboid all = {{0, 0, 0}, {d->side[0], d->side[1], d->side[2]}};
+    double z2 = 0;
+    for (size_t l = 0; l < d->nch; l++) {
+        double var, e = bars_box(d, &all, l, &var);
+        z2 += e * e / var;
+    }
+    return sqrt(z2 / (double)d->nch);
+}
+
 /* ---- a view that no solve saw -------------------------------------------------------------------*/
 
 /* The unseen camera's picture of values [n][cs] on the active voxels, all channels. */
