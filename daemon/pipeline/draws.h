@@ -4,7 +4,8 @@
  * solved set.  It takes one if it has nothing to do and the live path has time to spare.  Then the slot keeps its systems
  * and the problem that was solved, and the solver gets another problem in exchange.  After the set was published the
  * thread repeats its solve, alone, without the pool of the stages, and the solve stage takes the slot back.  So no volume
- * waits for it: the pipeline has one slot and one system more, and the thread takes no lock of a stage.  A volume's bars come from the sets before it.
+ * waits for it: the pipeline has one slot and one system more, and the thread takes no lock of a stage.  A volume's bars
+ * come from the sets before it.
  * A set that is not taken is counted by its cause.  The live path has no time to spare while a set waits for the solver,
  * when the set's solve ended at its deadline, for DMN_DRAWS_REST sets after one was dropped, and while the solver waits
  * for less than DMN_DRAWS_LEAST of the time.  And the thread takes at most DMN_DRAWS_SHARE times the processor time of
