@@ -31,7 +31,7 @@ struct rec_bars {
     uint32_t K;
     size_t cs, voxels, bytes;
     void *areas;
-    float *modes, *sd; /* [K + 2][n][cs], [n][cs] */
+    float *modes, *sd; /* [K + 3][n][cs], [n][cs] */
     float *mean;       /* [n][cs] */
     struct rec_spread spread;
     rec_perturb *perturb;
@@ -50,7 +50,7 @@ static size_t bars_lay_out(struct rec_bars *b, float *base)
     struct {
         float **to;
         size_t floats;
-    } const parts[] = {{&b->modes, (b->K + 2) * vector},
+    } const parts[] = {{&b->modes, (b->K + 3) * vector},
                        {&b->sd, vector},
                        {&b->mean, vector},
                        {&b->spread.work[0], vector},
@@ -274,24 +274,38 @@ static void bars_signs(const rec_bars *b, float *d)
     }
 }
 
-/* S. */
-static void bars_scale(rec_bars *b)
+/* Sample variance of the logarithms of the gains that self-calibration has found, over their number. */
+static double bars_gains(const rec_frame *f)
 {
-    const struct rec_selfcal_report *r = &b->f->report.selfcal;
+    const struct rec_selfcal_report *r = &f->report.selfcal;
     double sum = 0, squares = 0, n = 0;
-    for (size_t c = 0; c < b->f->S->n_cameras && r->gain; c++)
-        if (b->f->sub->present[c] && r->camera[c].known) {
+    for (size_t c = 0; c < f->S->n_cameras && r->gain; c++)
+        if (f->sub->present[c] && r->camera[c].known) {
             double g = log((double)r->camera[c].gain);
             sum += g;
             squares += g * g;
             n++;
         }
-    double mean = n > 1 ? sqrt(fmax(0, squares - sum * sum / n) / (n - 1) / n) : 0;
-    float *d = bars_mode(b, b->out->n_modes++), by[4] = {0};
-    for (int l = 0; l < b->f->nch; l++)
-        by[l] = (float)hypot(mean, b->fit[l].excess);
+    return n > 1 ? fmax(0, squares - sum * sum / n) / (n - 1) / n : 0;
+}
+
+/* S: light of noise, the same in every voxel, and gains. */
+static void bars_scale(rec_bars *b)
+{
+    const float *x = b->f->x, gains = (float)sqrt(bars_gains(b->f));
+    float *noise = bars_mode(b, b->out->n_modes++), by[4] = {0};
+    double light[4] = {0};
     for (size_t i = 0; i < b->vector; i++)
-        d[i] = by[i % b->cs] * b->f->x[i];
+        light[i % b->cs] += (double)x[i];
+    for (int l = 0; l < b->f->nch; l++)
+        by[l] = (float)(b->fit[l].excess * light[l] / (double)b->f->sub->n);
+    for (size_t i = 0; i < b->vector; i++)
+        noise[i] = by[i % b->cs];
+    if (!(gains > 0))
+        return;
+    float *d = bars_mode(b, b->out->n_modes++);
+    for (size_t i = 0; i < b->vector; i++)
+        d[i] = gains * x[i];
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------*/

@@ -28,9 +28,10 @@
  *        d_r / f_r over that of x_r, tells sharp flames from smooth ones, which have no detail to lose.  Lost detail of one
  *        place knows nothing of that of another, and all of it together is no light: each block of 8x8x8 voxels has a
  *        sign of its own, by chance.
- *     S  scale, without a solve: d = s x.  A volume that cannot be negative makes light of noise, which the pictures have
- *        not, and the gains that self-calibration makes equal may have a wrong mean.  With g the gains that it has found,
- *            s^2 = (1'W (A x - b) / 1'W b)^2 + var(log g) / N                                           (6)
+ *     S  scale, without a solve.  A volume that cannot be negative makes light of noise in all of the hull, which the
+ *        pictures have not: n voxels have together more light than they have.  And the gains that self-calibration makes
+ *        equal may have a wrong mean: g are those that it has found.
+ *            d = 1 (1'W (A x - b) / 1'W b) 1'x / n,    d = x (var(log g) / N)^(1/2)                     (6)
  * Few modes give each voxel's variance with a large error of its own.  So it is mixed with the mean over 3x3x3 voxels;
  * modes shrink where it falls, t^2 is the rest where it rises (spread.h).  Modes of J and D are longer by the factor by
  * which Student's distribution is wider than the normal one.
@@ -39,7 +40,7 @@
  * Every factor was chosen on some flames and judged on others: NUMERICS.md, 21, which also says what is not in it.
  * Source: the jackknife is Tukey's (Miller, Biometrika 61:1, 1974); perturb.h for the draws; the arrangement is our own.
  * Cost: NUMERICS.md, 21.
- * Memory: K + 5 vectors over voxels in reserved address space.
+ * Memory: K + 6 vectors over voxels in reserved address space.
  * Threads: as rec_frame_solve; same bits for any number.  Allocates nothing after ..._new.  No bit of the volume
  * changes. */
 #ifndef REC_FRAME_BARS_H
