@@ -41,11 +41,14 @@ static void page_said(FILE *f, const char *text)
 
 /* ---- setup ---- */
 
+#define DATES_FROM \
+    946684800 /* 2000-01-01: earlier ones are the time since a film's or a camera's start */
+
 static void page_when(int64_t t_ns, char out[64])
 {
     time_t s = (time_t)(t_ns / 1000000000);
     struct tm tm;
-    if (t_ns == 0 || gmtime_r(&s, &tm) == NULL ||
+    if (s < DATES_FROM || gmtime_r(&s, &tm) == NULL ||
         strftime(out, 64, "%Y-%m-%d %H:%M:%S UTC", &tm) == 0)
         snprintf(out, 64, "not known");
 }
@@ -221,10 +224,11 @@ static pvx_err page_rates(FILE *f, const struct report *r)
     PAGE_ROW(f, "sets", "%zu, numbers %" PRIu64 " to %" PRIu64, c->n, c->row[0].v.set,
              c->row[c->n - 1].v.set);
     if (c->timed && s > 0)
-        PAGE_ROW(f, "rate", "%.2f sets a second over %.3f s, nominal %g", (double)(c->n - 1) / s, s,
-                 r->head->start.fps);
+        PAGE_ROW(f, "rate", "%.2f sets a second over %.3f s", (double)(c->n - 1) / s, s);
     else
         page_row(f, "rate", "the recording has no times");
+    if (r->head->start.fps > 0)
+        PAGE_ROW(f, "nominal rate", "%g sets a second", r->head->start.fps);
     page_seen(f, r);
     page_losses(f, r);
     for (size_t i = 0; i < c->n; i++)
