@@ -79,7 +79,7 @@ export function figure(v, sd) {
 export const DOUBTS = [
   "the model misses the pictures by more than noise, calibration and texture explain",
   "there are fewer than five cameras",
-  "an error that all cameras share shows, as absorption or an unknown body does",
+  "the flame has detail as fine as its voxels, so finer detail is likely lost",
   "too few draws have been made yet",
   "noise hides detail that is finer than a few voxels",
 ];
