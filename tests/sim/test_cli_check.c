@@ -148,7 +148,7 @@ T_CASE(a_rig_read_wrongly)
         T_EQ_I(rename(at("cap/cam2/%06d.npy", i), at("late/cam2/%06d.npy", i)), 0);
     T_EQ_I(pyrovox("reconstruct --rig one.yaml --frames late --out v --quiet"), 0);
     T_OK(says("err", "if R is transposed in cam2"));
-    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames good --out v --quiet --last 0"), 0);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames good --out right --quiet --last 0"), 0);
     T_EQ_S(slurp("err"), "");
 }
 

@@ -191,24 +191,35 @@ static pvx_err reconstruct_belong(struct job *j, const struct dmn_slot *s, struc
     return PVX_OK;
 }
 
+/* Whether a rig.yaml that is there is of another rig, or of none. */
+static bool another_rig(const char *path, const struct rec_rig *rig)
+{
+    struct rec_rig there;
+    if (rec_rig_load(path, &there, NULL) != PVX_OK)
+        return true;
+    bool other = rec_rig_hash(&there) != rec_rig_hash(rig);
+    rec_rig_fini(&there);
+    return other;
+}
+
 /* The rig that was used, as a recording keeps it.  A rig.yaml that is there is somebody's, perhaps --rig itself. */
 static pvx_err keep_rig(const struct job *j, struct pvx_diag *d)
 {
-    char path[4300], *text, *was = NULL;
-    size_t len, n = 0;
+    char path[4300], *text;
+    size_t len;
     snprintf(path, sizeof path, "%s/rig.yaml", j->o->out);
+    if (access(path, F_OK) == 0) {
+        if (another_rig(path, &j->rig))
+            fprintf(stderr,
+                    "pyrovox: %s: was there before, so it is left, and later commands take it for "
+                    "the rig of these volumes\n",
+                    path);
+        return PVX_OK;
+    }
     PVX_TRY(rec_rig_format(&j->rig, &text, &len));
-    pvx_err e = pvx_file_read(path, 16 << 20, &was, &n, NULL);
-    if (e == PVX_OK && (n != len || memcmp(was, text, n) != 0))
-        fprintf(stderr,
-                "pyrovox: %s: was there before, so it is left, and later commands take it for the "
-                "rig of these volumes\n",
-                path);
-    else if (e == PVX_ENOENT)
-        e = pvx_file_write(path, text, len, d);
-    free(was);
+    pvx_err e = pvx_file_write(path, text, len, d);
     free(text);
-    return e == PVX_ENOENT || e == PVX_OK ? PVX_OK : e;
+    return e;
 }
 
 static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
