@@ -45,6 +45,7 @@ struct rec_running {
     uint32_t turn, fresh[N_KINDS], solves, iterations; /* fresh: since the cameras changed */
     unsigned has_age;
     uint64_t mask;
+    uint32_t cameras; /* in it */
     int64_t t_ns;
 
     /* three tables: one is written, one is read, and the newest that nobody has */
@@ -254,18 +255,16 @@ static int running_solve(rec_running *r, rec_frame *f, const struct rec_perturb_
                          uint64_t seed, double by[4])
 {
     bool out[REC_MAX_CAMERAS] = {false};
-    uint32_t cameras;
-    running_mask(f, &cameras);
-    uint32_t groups = running_groups(cameras), group = groups > 0 ? r->turn / 2 % groups : 0;
+    uint32_t groups = running_groups(r->cameras), group = groups > 0 ? r->turn / 2 % groups : 0;
     int kind = groups > 0 && r->turn % 2 == 0 ? J : D;
     struct rec_perturbation p = {.seed = seed};
-    p.iterations = rec_bars_iterations(&f->report.solve, kind == J ? cameras : 0);
+    p.iterations = rec_bars_iterations(&f->report.solve, kind == J ? r->cameras : 0);
     if (kind == J) {
         for (size_t c = 0, k = 0; c < f->S->n_cameras; c++)
             out[c] = f->believed[c] && k++ % groups == group;
         p.out = out;
         for (int l = 0; l < 4; l++)
-            by[l] = rec_bars_groups(&f->report.solve, cameras, groups) * groups;
+            by[l] = rec_bars_groups(&f->report.solve, r->cameras, groups) * groups;
     } else {
         double factor[4] = {0};
         rec_bars_drawn(fit, f->nch, groups == 0, r->part, &p, factor);
@@ -279,18 +278,16 @@ static int running_solve(rec_running *r, rec_frame *f, const struct rec_perturb_
 }
 
 /* Hands the table over to the reader. */
-static void running_tell(rec_running *r, const struct rec_perturb_fit fit[4], const rec_frame *f)
+static void running_tell(rec_running *r, const struct rec_perturb_fit fit[4], int nch)
 {
     struct running_table *t = &r->table[r->writes];
-    uint32_t cameras, groups;
-    uint64_t mask = running_mask(f, &cameras);
-    groups = running_groups(cameras);
+    uint32_t groups = running_groups(r->cameras);
     t->any = r->weight[D] > 0 && (groups == 0 || r->weight[J] > 0);
     t->late = r->fresh[D] < ENOUGH || r->fresh[J] < groups;
-    t->doubt = rec_bars_doubt(fit, f->nch, cameras, r->part);
+    t->doubt = rec_bars_doubt(fit, nch, r->cameras, r->part);
     t->solves = r->solves;
     t->iterations = r->iterations;
-    t->mask = mask;
+    t->mask = r->mask;
     t->t_ns = r->t_ns;
     t->age = r->has_age;
     memset(t->ratio, 0, r->n_blocks * r->cs * sizeof *t->ratio);
@@ -302,8 +299,7 @@ static void running_tell(rec_running *r, const struct rec_perturb_fit fit[4], co
 
 static void running_begin(rec_running *r, const rec_frame *f, const struct rec_running_set *set)
 {
-    uint32_t cameras;
-    uint64_t mask = running_mask(f, &cameras);
+    uint64_t mask = running_mask(f, &r->cameras);
     if (set->age != r->has_age || r->solves == 0 || set->t_ns - r->t_ns > r->pause_ns)
         running_anew(r);
     if (mask != r->mask)
@@ -317,15 +313,13 @@ bool rec_running_add(rec_running *r, rec_frame *f, const struct rec_running_set 
 {
     static const double as_it_is[4] = {1, 1, 1, 1};
     struct rec_perturb_fit fit[4];
-    uint32_t cameras;
     double by[4];
     if (set->age != rec_running_age(r) || !rec_solver_is_default(f->solver->p.solver) ||
         !rec_perturb_begin(r->perturb, rec_frame_problem(f), f->x, fit))
         return false;
     running_begin(r, f, set);
-    running_mask(f, &cameras);
     rec_spread_begin(&r->spread, f->sub);
-    r->part = rec_bars_detail(&r->spread, fit, cameras, f->x, r->mean, r->detail);
+    r->part = rec_bars_detail(&r->spread, fit, r->cameras, f->x, r->mean, r->detail);
     rec_spread_mean(&r->spread, f->x, r->mean);
     rec_spread_end(&r->spread);
     int kind = running_solve(r, f, fit, set->seed, by);
@@ -335,7 +329,7 @@ bool rec_running_add(rec_running *r, rec_frame *f, const struct rec_running_set 
         r->x[i] -= f->x[i];
     running_gather(r, f->sub, kind, r->x, by);
     running_gather(r, f->sub, T, r->detail, as_it_is);
-    running_tell(r, fit, f);
+    running_tell(r, fit, f->nch);
     return true;
 }
 

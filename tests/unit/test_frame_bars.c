@@ -3,17 +3,8 @@
  * grey, nothing at all, saturated pixels, another solver. */
 #include <math.h>
 
-#include "recon/frame/bars.h"
-#include "tests/lib/scene.h"
+#include "tests/lib/bars.h"
 #include "tests/lib/slot.h"
-
-static struct rec_frame_params params(int nch)
-{
-    struct rec_frame_params p = rec_frame_defaults;
-    p.photo.saturation = 1e30f;
-    p.nch = nch;
-    return p;
-}
 
 /* A frame of scene s and its bars. */
 struct case_ {
@@ -59,45 +50,6 @@ static void consistent(const struct case_ *k)
     T_OK(most > 0.99);
 }
 
-/* Share in percent of the voxels above 2 % of the brightest whose bars of 95 % hold the truth, and the mean square of sd
- * over that of the error. */
-static double covered(const struct scene *s, const struct case_ *k, double *over)
-{
-    size_t cs = (size_t)k->v.cs, nch = (size_t)k->v.nch;
-    double top = 0, in = 0, all = 0, e2 = 0, s2 = 0;
-    for (size_t i = 0; i < s->voxels; i++)
-        top = fmax(top, s->truth[i * 3]);
-    for (size_t q = 0; q < (size_t)k->v.n; q++)
-        for (size_t l = 0; l < nch; l++) {
-            double truth = s->truth[(size_t)k->v.index[q] * 3 + l];
-            double e = (double)k->x.value[q * cs + l] - truth, sd = k->v.sd[q * cs + l];
-            if (truth < 0.02 * top)
-                continue;
-            in += fabs(e) <= 1.96 * sd;
-            all++;
-            e2 += e * e;
-            s2 += sd * sd;
-        }
-    *over = s2 / e2;
-    return 100 * in / all;
-}
-
-/* Pictures with noise, of all channels or of the first. */
-static void shoot(const struct scene *s, rec_frame *f, bool grey, double noise)
-{
-    if (!grey) {
-        scene_shoot(s, f, noise);
-        return;
-    }
-    rec_frame_reset(f);
-    for (size_t c = 0; c < s->rig.n_cameras; c++) {
-        size_t n = s->S->row0[c + 1] - s->S->row0[c];
-        for (size_t r = 0; r < n; r++)
-            rec_frame_input(f, c)[r] = s->image[c][r * 4] + (float)(noise * t_normal());
-        rec_frame_camera(f, c)->present = true;
-    }
-}
-
 T_CASE(bars_hold_the_truth)
 {
     static const struct {
@@ -111,13 +63,13 @@ T_CASE(bars_hold_the_truth)
         struct scene s;
         struct case_ k;
         double over;
-        struct rec_frame_params p = params(of[i].nch);
+        struct rec_frame_params p = bars_params(of[i].nch);
         scene_new(&s, of[i].cameras, 80, 32, 1, 2);
         case_new(&k, &s, &p, of[i].K);
-        shoot(&s, k.f, of[i].nch == 1, of[i].noise);
+        bars_shoot(&s, k.f, of[i].noise);
         case_solve(&k);
         consistent(&k);
-        double held = covered(&s, &k, &over);
+        double held = bars_covered(&s, k.f, &k.v, &over);
         T_OK(held > 90);
         T_OK(over < 8); /* no bar holds everything by being huge */
         T_EQ_I(k.v.doubt & ~(uint32_t)(REC_BARS_BLURRED | REC_BARS_FINE), 0);
@@ -158,7 +110,7 @@ T_CASE(the_whole_light)
         for (int wrong = 0; wrong < 2; wrong++) {
             struct scene s;
             struct case_ k;
-            struct rec_frame_params p = params(3);
+            struct rec_frame_params p = bars_params(3);
             double z2 = 0, bar = 0;
             scene_new(&s, 8, 80, 32, 1, 2);
             case_new(&k, &s, &p, 8);
@@ -202,11 +154,11 @@ T_CASE(texture_that_is_lost)
         for (int i = 0; i < 3; i++) {
             struct scene s;
             struct case_ k;
-            struct rec_frame_params p = params(grey ? 1 : 3);
+            struct rec_frame_params p = bars_params(grey ? 1 : 3);
             p.trust_all = true;
             scene_new(&s, 8, 64, 24, 1, 2);
             case_new(&k, &s, &p, 4);
-            shoot(&s, k.f, grey, i == 1 ? 0.05 : 0.005);
+            bars_shoot(&s, k.f, i == 1 ? 0.05 : 0.005);
             for (size_t c = 0; c < 8 && i == 2; c += 2)
                 rec_frame_camera(k.f, c)->present = false;
             case_solve(&k);
@@ -227,7 +179,7 @@ T_CASE(bits)
 {
     struct scene s;
     struct case_ k[3];
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     scene_new(&s, 6, 80, 32, 1, 3);
     pvx_pool *pool = s.pool;
     for (int i = 0; i < 3; i++) {
@@ -264,7 +216,7 @@ T_CASE(cameras_that_are_missing)
 {
     struct scene s;
     struct case_ k;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     p.trust_all = true;
     scene_new(&s, 5, 64, 24, 1, 2);
     for (uint32_t gone = 0; gone < 4; gone++) {
@@ -288,7 +240,7 @@ T_CASE(mosaics_and_saturated_pixels)
     scene_new(&s, 6, 80, 32, 1, 2);
     for (int i = 0; i < 3; i++) {
         struct case_ k;
-        struct rec_frame_params p = params(3);
+        struct rec_frame_params p = bars_params(3);
         double over;
         if (i > 0)
             p.photo.saturation = 0.5f;
@@ -304,7 +256,7 @@ T_CASE(mosaics_and_saturated_pixels)
         case_solve(&k);
         T_OK(i == 0 || rec_frame_get_report(k.f)->saturated > 0);
         consistent(&k);
-        T_OK(covered(&s, &k, &over) > 80);
+        T_OK(bars_covered(&s, k.f, &k.v, &over) > 80);
         case_free(&k);
     }
     scene_free(&s);
@@ -315,7 +267,7 @@ T_CASE(a_prediction)
 {
     struct scene s;
     struct case_ k;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     float *before;
     struct rec_sparse v;
     double over;
@@ -338,7 +290,7 @@ T_CASE(a_prediction)
     T_OK(rec_frame_get_report(k.f)->temporal > 0);
     T_EQ_I(rec_frame_bars(k.f, k.b, 2, &k.v), PVX_OK);
     consistent(&k);
-    T_OK(covered(&s, &k, &over) > 80);
+    T_OK(bars_covered(&s, k.f, &k.v, &over) > 80);
     free(before);
     free(index);
     case_free(&k);
@@ -351,7 +303,7 @@ T_CASE(nothing_to_tell)
     struct case_ k;
     struct pvx_diag d = {""};
     rec_bars *b;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     scene_new(&s, 4, 40, 12, 1, 2);
     T_EQ_I(rec_bars_new(s.S, 3, 1, &b, &d), PVX_EINVAL);
     T_OK(b == NULL && strstr(d.text, "want 4 to 64") != NULL);

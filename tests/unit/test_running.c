@@ -5,20 +5,12 @@
 
 #include "base/clock.h"
 #include "recon/frame/running.h"
-#include "tests/lib/scene.h"
+#include "tests/lib/bars.h"
 #include "tests/lib/slot.h"
 
 #define PERIOD (50 * PVX_NS_PER_MS)
 #define PAUSE  (2 * PVX_NS_PER_S)
 #define ENOUGH 16 /* sets until there is no doubt, of 8 cameras */
-
-static struct rec_frame_params params(int nch)
-{
-    struct rec_frame_params p = rec_frame_defaults;
-    p.photo.saturation = 1e30f;
-    p.nch = nch;
-    return p;
-}
 
 struct case_ {
     const struct scene *s;
@@ -37,15 +29,6 @@ static void case_free(struct case_ *k)
 {
     rec_running_free(&k->r);
     rec_frame_free(&k->f);
-}
-static void case_grey(struct case_ *k, double noise)
-{
-    rec_frame_reset(k->f);
-    for (size_t c = 0; c < k->s->rig.n_cameras; c++) {
-        for (size_t i = 0; i < k->s->S->row0[c + 1] - k->s->S->row0[c]; i++)
-            rec_frame_input(k->f, c)[i] = k->s->image[c][i * 4] + (float)(noise * t_normal());
-        rec_frame_camera(k->f, c)->present = true;
-    }
 }
 static void case_solve(struct case_ *k)
 {
@@ -85,27 +68,6 @@ static void consistent(const struct case_ *k)
     T_OK(k->v.sd == NULL || squares(&k->v) > 0);
 }
 
-/* Share in percent of the voxels above 2 % of the brightest whose bars of 95 % hold the truth. */
-static double covered(const struct case_ *k)
-{
-    const struct scene *s = k->s;
-    struct rec_sparse x;
-    double top = 0, in = 0, all = 0;
-    rec_frame_volume(k->f, &x);
-    for (size_t i = 0; i < s->voxels; i++)
-        top = fmax(top, s->truth[i * 3]);
-    for (size_t q = 0; q < (size_t)k->v.n; q++)
-        for (size_t l = 0; l < (size_t)k->v.nch; l++) {
-            double truth = s->truth[(size_t)k->v.index[q] * 3 + l];
-            size_t at = q * (size_t)k->v.cs + l;
-            if (truth < 0.02 * top)
-                continue;
-            in += fabs((double)x.value[at] - truth) <= 1.96 * (double)k->v.sd[at];
-            all++;
-        }
-    return all > 0 ? 100 * in / all : 0;
-}
-
 /* The sum of the variances is that of bars.h with 8 + 4 solves.  Both have the draws and the texture alike.  Student's factors are
  * 1.40 (J, of 8) and 2 (D, of 4), those of the running mean at least 1.11: not below 0.55.  About x in place of their mean,
  * the left-out volumes deviate by more, and were it as much again: not above 2.  A tenth is for chance. */
@@ -116,15 +78,12 @@ T_CASE(of_a_still_flame_they_are_those_of_one_frame)
         struct case_ k;
         rec_bars *b;
         struct rec_bars_view whole;
-        struct rec_frame_params p = params(nch);
+        struct rec_frame_params p = bars_params(nch);
         scene_new(&s, 8, 80, 32, 1, 2);
         case_new(&k, &s, &p);
         T_EQ_I(rec_bars_new(s.S, nch, 16, &b, NULL), PVX_OK);
         for (int i = 0; i < 3 * ENOUGH; i++) {
-            if (nch == 3)
-                scene_shoot(&s, k.f, 0.01);
-            else
-                case_grey(&k, 0.01);
+            bars_shoot(&s, k.f, 0.01);
             case_solve(&k);
             if (i == 3 * ENOUGH - 1)
                 T_EQ_I(rec_frame_bars(k.f, b, 1, &whole), PVX_OK);
@@ -138,7 +97,7 @@ T_CASE(of_a_still_flame_they_are_those_of_one_frame)
         T_EQ_I(k.v.n, whole.n);
         double ratio = squares(&k.v) / squares(&whole);
         T_OK(ratio > 0.9 * 0.55 && ratio < 1.1 * 2);
-        T_OK(covered(&k) > 90);
+        T_OK(bars_covered(k.s, k.f, &k.v, NULL) > 90);
         rec_bars_free(&b);
         case_free(&k);
         scene_free(&s);
@@ -149,7 +108,7 @@ T_CASE(of_a_moving_flame_they_hold_the_truth)
 {
     struct scene s;
     struct case_ k;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     scene_new(&s, 6, 80, 32, 1, 2);
     case_new(&k, &s, &p);
     for (int i = 0; i < 30; i++) {
@@ -159,7 +118,7 @@ T_CASE(of_a_moving_flame_they_hold_the_truth)
         T_OK(case_add(&k));
     }
     consistent(&k);
-    T_OK(covered(&k) > 85);
+    T_OK(bars_covered(k.s, k.f, &k.v, NULL) > 85);
     T_OK((k.v.doubt & REC_BARS_LATE) == 0);
     case_free(&k);
     scene_free(&s);
@@ -178,7 +137,7 @@ T_CASE(they_say_when_too_little_is_known)
 {
     struct scene s;
     struct case_ k;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     p.trust_all = true;
     scene_new(&s, 8, 64, 24, 1, 2);
     case_new(&k, &s, &p);
@@ -230,7 +189,7 @@ T_CASE(few_cameras)
 {
     struct scene s;
     struct case_ k;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     scene_new(&s, 3, 64, 24, 1, 2);
     case_new(&k, &s, &p);
     case_run(&k, 9);
@@ -246,7 +205,7 @@ T_CASE(bits)
 {
     struct scene s;
     struct case_ k[3];
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     rec_carver *carver;
     rec_solver *solver;
     rec_frame *f, *other;
@@ -311,7 +270,7 @@ T_CASE(all_kinds_of_pictures)
     T_EQ_I(rec_kept_new(s.S, 3, &kept), PVX_OK);
     for (int i = 0; i < 4; i++) {
         struct case_ k;
-        struct rec_frame_params p = params(3);
+        struct rec_frame_params p = bars_params(3);
         float *before = pvx_calloc(s.voxels * 4, sizeof *before);
         int32_t *index = pvx_calloc(s.voxels, sizeof *index);
         struct rec_sparse v = {0};
@@ -341,7 +300,7 @@ T_CASE(all_kinds_of_pictures)
             }
         }
         consistent(&k);
-        T_OK(i == 3 || covered(&k) > 80);
+        T_OK(i == 3 || bars_covered(k.s, k.f, &k.v, NULL) > 80);
         T_OK(i != 3 || rec_frame_get_report(k.f)->temporal > 0);
         free(before);
         free(index);
@@ -355,7 +314,7 @@ T_CASE(nothing_to_add)
 {
     struct scene s;
     struct case_ k;
-    struct rec_frame_params p = params(3);
+    struct rec_frame_params p = bars_params(3);
     scene_new(&s, 4, 40, 12, 1, 2);
     case_new(&k, &s, &p);
     scene_shoot(&s, k.f, 0.01);
