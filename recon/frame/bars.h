@@ -28,9 +28,9 @@
  *        d_r / f_r over that of x_r, tells sharp flames from smooth ones, which have no detail to lose.  Lost detail of one
  *        place knows nothing of that of another, and all of it together is no light: each block of 8x8x8 voxels has a
  *        sign of its own, by chance.
- *     S  scale, without a solve.  A volume that cannot be negative makes light of noise in all of the hull, which the
- *        pictures have not: n voxels have together more light than they have.  And the gains that self-calibration makes
- *        equal may have a wrong mean: g are those that it has found.
+ *     S  scale, without a solve.  A volume that cannot be negative makes light of noise, in all n voxels of the hull.
+ *        The sum of a picture has no such light, so the difference of the sums measures it.  And self-calibration makes
+ *        the gains equal, but their mean may be wrong: g are the gains that it has found.
  *            d = 1 (1'W (A x - b) / 1'W b) 1'x / n,    d = x (var(log g) / N)^(1/2)                     (6)
  * Few modes give each voxel's variance with a large error of its own.  So it is mixed with the mean over 3x3x3 voxels;
  * modes shrink where it falls, t^2 is the rest where it rises (spread.h).  Modes of J and D are longer by the factor by
