@@ -102,7 +102,7 @@ static double whole(const struct scene *s, const struct case_ *k, double *bar)
     return (error - light) / sqrt(var);
 }
 
-/* S: light that noise makes, which no picture has, and gains whose mean is wrong.  Without it the error is 2 to 5 bars. */
+/* S: light that noise makes, which no picture has, and gains whose mean is wrong.  Without it the error is up to 8 bars. */
 T_CASE(the_whole_light)
 {
     static const double noise[] = {0.01, 0.03};
