@@ -1,0 +1,29 @@
+/* shared.h - what host and kernels both know.  OpenCL C reads it too, so it has no includes: an int and a float have 32
+ * bits in both, and no member needs padding. */
+#ifndef REC_CL_SHARED_H
+#define REC_CL_SHARED_H
+
+#define REC_CL_TILE    8      /* bins along a tile of a picture */
+#define REC_CL_NOWHERE -32768 /* x of a window that does not exist */
+
+struct rec_cl_camera {
+    int row0, bw, bh;
+    int tiles, tile0; /* tiles in a row of tiles; number of its first one */
+};
+/* A level of S. */
+struct rec_cl_geometry {
+    int n[3], bricks[3]; /* voxels and bricks of 4^3 voxels along the axes */
+    int voxels, all_bricks, all_tiles;
+    int cameras, wide, high; /* of a window */
+    int rows, room;          /* bins of all pictures; of a vector over them */
+    float unit;
+    struct rec_cl_camera camera[64];
+};
+/* A further window of a brick's voxel. */
+struct rec_cl_more {
+    int voxel, camera; /* 0..63 in the brick */
+    int x, y;
+    unsigned char w[16]; /* [high*wide], then 0 */
+};
+
+#endif
