@@ -420,6 +420,7 @@ void rec_subsys_restrict(struct rec_subsys *a, struct rec_restrictor *r, const i
 {
     struct restriction t = {.a = a, .r = r, .n_blocks = a->win.nowhere / REC_ROW_BLOCK};
     uint64_t sum = 0, sum2 = 0;
+    a->card = NULL;
     a->col = col;
     a->n = n;
     a->slabs = n / SLAB < 1 ? 1 : n / SLAB < REC_SLABS_MAX ? n / SLAB : REC_SLABS_MAX;

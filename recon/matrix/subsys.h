@@ -40,8 +40,12 @@ struct rec_restrictor {
     int32_t *list;             /* [voxels] levels.h */
 };
 
+struct rec_card_system; /* recon/solve/card.h */
+
 struct rec_subsys {
     const rec_sysmat *S;
+    /* NULL: here.  Else on a graphics card: then `win`, blocks, is_row and norm2 are not valid here. */
+    struct rec_card_system *card;
     const struct rec_kernels *k;
     pvx_pool *pool;
     int cs;                 /* floats per entry: 1 or 4 */

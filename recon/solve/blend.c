@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "recon/solve/card.h"
 #include "recon/solve/selfcal.h"
 
 /* The rules; NUMERICS.md, 4, says how they were found. */
@@ -68,12 +69,17 @@ static void blend_colours_chunk(void *ctx, size_t k)
 static double blend_apart(const struct blend *b)
 {
     rec_problem *pb = b->t->pb;
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     size_t chunks = rec_column_chunks(pb);
     double xs[4], ss[4], xx[4], rest = 0;
-    pvx_pool_run(pb->a->pool, chunks, blend_colours_chunk, (void *)b);
-    rec_sum(pb, 0, chunks, 0, xs);
-    rec_sum(pb, 0, chunks, 1, ss);
-    rec_sum(pb, 0, chunks, 2, xx);
+    if (card != NULL) {
+        card->colours(b->t, b->c, xs, ss, xx);
+    } else {
+        pvx_pool_run(pb->a->pool, chunks, blend_colours_chunk, (void *)b);
+        rec_sum(pb, 0, chunks, 0, xs);
+        rec_sum(pb, 0, chunks, 1, ss);
+        rec_sum(pb, 0, chunks, 2, xx);
+    }
     for (int l = 0; l < pb->nch; l++)
         rest += xx[l] - (ss[l] > 0 ? xs[l] * xs[l] / ss[l] : 0);
     return rest / rec_lanes_total(xx);
@@ -188,6 +194,7 @@ static void blend_problem(const struct rec_pcg *t, const double c[4])
 void rec_blend_begin(struct rec_pcg *t, struct rec_pcg *one, double rwr[4])
 {
     rec_problem *pb = t->pb;
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     struct blend b = {.t = t, .one = one};
     size_t rows = rec_row_chunks(pb), nowhere = pb->a->win.nowhere;
     blend_weights(pb, b.c);
@@ -198,6 +205,10 @@ void rec_blend_begin(struct rec_pcg *t, struct rec_pcg *one, double rwr[4])
     one->r = pb->yv[2];
     memset(one->lambda, 0, sizeof one->lambda);
     one->lambda[0] = one->pb->lambda[0];
+    if (card != NULL) {
+        card->blend(t, one, b.c, rwr);
+        return;
+    }
     memset(one->r + nowhere, 0, (pb->a->win.room - nowhere) * sizeof *one->r);
     memset(one->q + nowhere, 0, (pb->a->win.room - nowhere) * sizeof *one->q);
     pvx_pool_run(pb->a->pool, rows, blend_rows_chunk, &b);
@@ -240,13 +251,18 @@ static void blend_colour_chunk(void *ctx, size_t k)
 void rec_blend_end(struct rec_pcg *t, const struct rec_pcg *one)
 {
     rec_problem *pb = t->pb;
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     struct blend b = {.t = t, .one = (struct rec_pcg *)one};
     size_t chunks = rec_column_chunks(pb);
     double sum[4], all[4];
     blend_weights(pb, b.c);
-    pvx_pool_run(pb->a->pool, chunks, blend_tint_chunk, &b);
-    rec_sum(pb, 0, chunks, 0, sum);
-    rec_sum(pb, 0, chunks, 1, all);
+    if (card != NULL) {
+        card->tint(t, b.c, sum, all);
+    } else {
+        pvx_pool_run(pb->a->pool, chunks, blend_tint_chunk, &b);
+        rec_sum(pb, 0, chunks, 0, sum);
+        rec_sum(pb, 0, chunks, 1, all);
+    }
     for (int l = 0; l < pb->nch; l++) {
         b.tint[l] = sum[l] / all[0];
         t->lambda[l] *= one->lambda[0] / one->pb->lambda[0];
@@ -254,5 +270,8 @@ void rec_blend_end(struct rec_pcg *t, const struct rec_pcg *one)
     if (all[0] <= 0) /* it is dark and has no colour */
         return;
     b.least = NOTHING * (float)(all[0] / pb->a->n);
-    pvx_pool_run(pb->a->pool, chunks, blend_colour_chunk, &b);
+    if (card != NULL)
+        card->colour(t, one, b.c, b.tint, b.least);
+    else
+        pvx_pool_run(pb->a->pool, chunks, blend_colour_chunk, &b);
 }

@@ -61,10 +61,12 @@ struct rec_card_ops {
     void (*tint)(const struct rec_pcg *t, const double c[4], double sum[4], double all[4]);
     void (*colour)(const struct rec_pcg *t, const struct rec_pcg *one, const double c[4],
                    const double tint[4], float least);
-    /* selfcal.c: the sums of the tiles of each camera, NULL: it is absent; pb->b from pb->in.b */
+    /* selfcal.c: the sums of each camera, [REC_SELFCAL_TILES][REC_SELFCAL_SUMS], NULL: it is absent; they come as 0.
+     * pb->b from pb->in.b, shot [cameras] */
     void (*tiles)(rec_problem *pb, const float *r, double *const *tile);
     void (*correct)(rec_problem *pb, const struct rec_card_shot *shot);
-    /* levels.c: n coarser levels of `fine`, from the next one on; x of a coarse system to a finer one */
+    /* levels.c: n coarser levels of `fine`, from the next one on, sub->card and sub->col set; x of a coarse system to
+     * a finer one */
     void (*levels)(const struct rec_subsys *fine, const struct rec_pictures *in,
                    struct rec_card_level *level, int n);
     void (*refine)(const struct rec_subsys *coarse, const float *x, const struct rec_subsys *fine,
@@ -75,5 +77,11 @@ struct rec_card_ops {
 struct rec_card_system {
     const struct rec_card_ops *op;
 };
+
+/* The operations for a system; NULL: it is here. */
+static inline const struct rec_card_ops *rec_card_of(const struct rec_subsys *a)
+{
+    return a->card == NULL ? NULL : a->card->op;
+}
 
 #endif

@@ -8,6 +8,8 @@
 #include "recon/solve/smooth.h"
 #include "recon/solve/solve.h"
 
+struct rec_cl_solver;
+
 #define N_XVEC           8
 #define REC_XV_LHAT      6 /* the default method leaves a L xhat of (1b) there */
 #define N_YVEC           3
@@ -46,6 +48,7 @@ struct rec_problem {
     int nch, cs;
     size_t n_max, room; /* voxels of the grid; bins of a vector over rows */
 
+    struct rec_cl_solver *card;  /* or NULL: recon/opencl has twins of the work areas */
     struct rec_selfcal *selfcal; /* or NULL: pictures are taken as they are */
     struct rec_one *one;         /* room for blend.h; NULL with one channel */
 
@@ -252,9 +255,11 @@ void rec_sum(const rec_problem *pb, size_t from, size_t to, int what, double out
 /* r = A x - b, wr = W r, two different arrays; out = r'Wr per lane. */
 void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4]);
 /* ||v|| over active columns, all lanes. */
-double rec_norm_x(const rec_problem *pb, const float *v);
+double rec_norm_x(rec_problem *pb, const float *v);
 /* dst = src, [n][cs]. */
-void rec_copy_x(const rec_problem *pb, float *dst, const float *src);
+void rec_copy_x(rec_problem *pb, float *dst, const float *src);
+/* x = 0, [n][cs]. */
+void rec_clear_x(rec_problem *pb, float *x);
 
 /* Writes the residual of the start x to yv[0] and yv[1], without a product where none is needed. */
 void rec_start_residual(rec_problem *pb, const float *x, double out[4]);

@@ -39,7 +39,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "recon/solve/impl.h"
+#include "recon/solve/card.h"
 
 #define FROM_GRADIENT 0.03
 #define NOISE_FLOOR   1e-9
@@ -133,29 +133,42 @@ static void measure_chunk(void *ctx, size_t k)
                        : measure(pb, k, 1, false, pb->part[k]);
 }
 
-/* (1) for every lane; chord: the sum over rays, in metres. */
-static void automatic(rec_problem *pb, double mean_diag, double chord)
+/* Sums of `measure` over all of A's rows. */
+static void differences(rec_problem *pb, double first[4], double second[4], double *blocks)
 {
-    const struct rec_grid *g = &pb->a->S->grid;
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     size_t chunks = rec_row_chunks(pb);
-    double first[4], second[4], count[4], rows = pb->a->rows;
-    double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
-    double voxels = chord / rows / h;
+    double count[4];
+    if (card != NULL) {
+        card->differences(pb, first, second, blocks);
+        return;
+    }
     pvx_pool_run(pb->a->pool, chunks, measure_chunk, pb);
     rec_sum(pb, 0, chunks, 0, first);
     rec_sum(pb, 0, chunks, 1, second);
     rec_sum(pb, 0, chunks, 2, count);
+    *blocks = count[0];
+}
+
+/* (1) for every lane; chord: the sum over rays, in metres. */
+static void automatic(rec_problem *pb, double mean_diag, double chord)
+{
+    const struct rec_grid *g = &pb->a->S->grid;
+    double first[4], second[4], count, rows = pb->a->rows;
+    double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
+    double voxels = chord / rows / h;
+    differences(pb, first, second, &count);
     for (int l = 0; l < 4; l++) {
         double rel = UNKNOWN, sigma = pb->in.sigma[l], density = pb->share[l] * mean_diag / (h * h);
         double mean = pb->light[l] / (pb->share[l] * rows);
         pb->shot2[l] = sigma >= 0 && mean > 0 ? pb->in.shot[l] * mean : 0;
         double s2 = sigma * sigma + pb->shot2[l];
         double in_mean = s2 / fmin(pb->share[l], 1); /* four times the variance of a mean of 2x2 */
-        if (sigma >= 0 && mean > 0 && count[0] > 0) {
+        if (sigma >= 0 && mean > 0 && count > 0) {
             /* the mean of 2x2 has noise sigma/2, one difference twice its variance, (4v-...) 20
              * times; a block is two bins wide */
-            double g1 = fmax(first[l] / count[0] - in_mean, 0) / 4;
-            double g2 = fmax(second[l] / count[0] - 5 * in_mean, 1e-3 * second[l] / count[0]) / 16;
+            double g1 = fmax(first[l] / count - in_mean, 0) / 4;
+            double g2 = fmax(second[l] / count - 5 * in_mean, 1e-3 * second[l] / count) / 16;
             double noise = fmax((s2 + FROM_GRADIENT * g1) / (mean * mean), NOISE_FLOOR);
             double rough = fmax(g2 / (mean * mean), NOISE_FLOOR);
             pb->noise2[l] = s2 + FROM_GRADIENT * g1;
@@ -171,10 +184,14 @@ static void automatic(rec_problem *pb, double mean_diag, double chord)
 static void diagonal(rec_problem *pb, double *mean, double *chord)
 {
     const struct rec_subsys *a = pb->a;
-    *mean = a->sum2 / a->n;
-    *chord = a->sum;
-    pb->diag = pb->whole ? a->norm2 : pb->column;
-    if (!pb->whole) {
+    const struct rec_card_ops *card = rec_card_of(a);
+    double weighed = 0, chords = 0;
+    if (card != NULL)
+        card->diagonal(pb, &weighed, &chords);
+    *mean = pb->whole ? a->sum2 / a->n : weighed / a->n;
+    *chord = pb->whole ? a->sum : chords;
+    pb->diag = pb->whole && card == NULL ? a->norm2 : pb->column;
+    if (!pb->whole && card == NULL) {
         rec_column_norms(a, pb->w, pb->column, pb->xv[0]);
         *mean = *chord = 0;
         for (int32_t q = 0; q < a->n; q++) {

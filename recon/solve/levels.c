@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/solve/impl.h"
+#include "recon/solve/card.h"
 #include "recon/solve/selfcal.h"
 #include "recon/solve/start.h"
 
@@ -265,10 +265,26 @@ static void average_chunk(void *ctx, size_t k)
                          : averages(t, k, 1, false);
 }
 
+/* The same on a card. */
+static void levels_restrict_there(rec_levels *l, const struct rec_subsys *fine,
+                                  const struct rec_pictures *in)
+{
+    struct rec_card_level level[MAX_LEVELS];
+    for (int i = 0; i < l->n; i++) {
+        struct level *v = &l->at[i];
+        level[i] = (struct rec_card_level){v->sub, v->b, v->w, v->col};
+    }
+    rec_card_of(fine)->levels(fine, in, level, l->n);
+}
+
 void rec_levels_restrict(rec_levels *l, struct rec_restrictor *r, const struct rec_subsys *fine,
                          const struct rec_pictures *in)
 {
     l->per_channel = in->per_channel;
+    if (fine->card != NULL) {
+        levels_restrict_there(l, fine, in);
+        return;
+    }
     struct walk t = {.list = r->list,
                      .col = fine->col,
                      .n = fine->n,
@@ -364,6 +380,24 @@ static void refine_layer(void *ctx, size_t k)
     t->v->sub->cs == 4 ? refine(t, (int32_t)k, 4) : refine(t, (int32_t)k, 1);
 }
 
+/* x of `next` from the solution of level i. */
+static void levels_refine(const rec_levels *l, int i, const struct rec_descent *d,
+                          const struct rec_subsys *next, float *x)
+{
+    const struct level *v = &l->at[i];
+    const struct rec_card_ops *card = rec_card_of(next);
+    struct walk t = {.v = v,
+                     .fine = &next->S->grid,
+                     .col = next->col,
+                     .n = next->n,
+                     .coarse = d->x[i % 2],
+                     .x = x};
+    if (card != NULL)
+        card->refine(v->sub, d->x[i % 2] + l->cs, next, x);
+    else
+        pvx_pool_run(l->pool, (size_t)v->S->grid.n[2], refine_layer, &t);
+}
+
 void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
 {
     const rec_levels *l = d->levels;
@@ -375,10 +409,10 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
     d->iterations = 0;
     d->problem->selfcal = fine->selfcal;
     for (int i = l->n - 1; i >= 0; i--) {
-        const struct level *v = &l->at[i], *finer = i > 0 ? &l->at[i - 1] : NULL;
+        const struct level *v = &l->at[i];
         const struct rec_pictures in = {
             .b = v->b, .w = v->w, .per_channel = l->per_channel, .sigma = {-1, -1, -1, -1}};
-        const struct rec_subsys *next = finer != NULL ? finer->sub : fine->a;
+        const struct rec_subsys *next = i > 0 ? l->at[i - 1].sub : fine->a;
         float *vx = d->x[i % 2] + cs;
         rec_problem_load(d->problem, v->sub, &in);
         rec_problem_weigh_as(d->problem, fine, (double)((uint64_t)1 << 3 * (i + 1)));
@@ -392,13 +426,7 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
             rec_start_zero(d->problem, vx);
         d->iterations += report.iterations;
         memcpy(d->misfit2, report.misfit2, sizeof report.misfit2);
-        struct walk t = {.v = v,
-                         .fine = &next->S->grid,
-                         .col = next->col,
-                         .n = next->n,
-                         .coarse = d->x[i % 2],
-                         .x = finer != NULL ? d->x[(i - 1) % 2] + cs : x};
-        pvx_pool_run(l->pool, (size_t)v->S->grid.n[2], refine_layer, &t);
+        levels_refine(l, i, d, next, i > 0 ? d->x[(i - 1) % 2] + cs : x);
     }
 }
 

@@ -48,20 +48,15 @@ static void pcg_swap(float **a, float **b)
     *b = t;
 }
 
-/* Takes the penalty and ||x||^2 that a pass that forms lx left at `slot`. */
-static void take_penalty(struct rec_pcg *t, size_t slot)
-{
-    size_t end = slot + rec_column_chunks(t->pb);
-    rec_sum(t->pb, slot, end, S_A, t->penalty);
-    rec_sum(t->pb, slot, end, S_B, t->norm2);
-}
+#define LANES sizeof(double[4])
 
 /* Computes the second differences of t->x. */
 static void smoothness(struct rec_pcg *t)
 {
-    const struct rec_pcg_passes *pass = t->pass;
-    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
-    take_penalty(t, 0);
+    double sums[3][4];
+    rec_pcg_pass(t, REC_PASS_SMOOTHNESS, sums);
+    memcpy(t->penalty, sums[0], LANES);
+    memcpy(t->norm2, sums[1], LANES);
 }
 /* Computes the residual and second differences of t->x anew; rwr = r'Wr. */
 static void refresh(struct rec_pcg *t, double rwr[4])
@@ -74,19 +69,14 @@ static void refresh(struct rec_pcg *t, double rwr[4])
 /* Sets d and alpha; false: no lane can move any more. */
 static bool line_search(struct rec_pcg *t, const double gamma[4])
 {
-    rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = t->pass;
-    pvx_pool *pool = pb->a->pool;
-    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
-    double down[4], qwq[4], ldld[4], keep[4];
+    double sums[3][4], down[3][4], keep[4];
     bool again = false, moving = false;
 
     for (int l = 0; l < 4; l++)
         t->mu[l] = 1;
-    pvx_pool_run(pool, chunks, pass->direction, t);
-    rec_sum(pb, 0, chunks, S_A, down);
+    rec_pcg_pass(t, REC_PASS_DIRECTION, down);
     for (int l = 0; l < 4; l++) {
-        bool restart = t->beta[l] != 0 && down[l] >= -1e-3 * gamma[l];
+        bool restart = t->beta[l] != 0 && down[0][l] >= -1e-3 * gamma[l];
         again = again || restart;
         keep[l] = restart ? 0 : 1;
     }
@@ -95,18 +85,14 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
             t->beta[l] = keep[l];
             t->mu[l] = 1 - keep[l];
         }
-        pvx_pool_run(pool, chunks, pass->direction, t);
-        rec_sum(pb, 0, chunks, S_A, down);
+        rec_pcg_pass(t, REC_PASS_DIRECTION, down);
     }
 
-    rec_start_product(pb, t->d);
-    pvx_pool_run(pool, rows + chunks, pass->curvature, t);
-    rec_sum(pb, 0, rows, S_A, qwq);
-    rec_sum(pb, rows, rows + chunks, S_A, ldld);
-    rec_bound_curvature(pb, t->q, qwq);
+    rec_pcg_pass(t, REC_PASS_CURVATURE, sums); /* q = A d; q'Wq, d'L V L d */
+    rec_bound_curvature(t->pb, t->q, sums[0]);
     for (int l = 0; l < 4; l++) {
-        double curve = qwq[l] + t->lambda[l] * ldld[l];
-        double alpha = curve > 0 && down[l] < 0 ? -down[l] / curve : 0;
+        double curve = sums[0][l] + t->lambda[l] * sums[1][l];
+        double alpha = curve > 0 && down[0][l] < 0 ? -down[0][l] / curve : 0;
         t->alpha[l] = isfinite((float)alpha) ? alpha : 0;
         moving = moving || t->alpha[l] > 0;
     }
@@ -116,26 +102,21 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
 /* Moves x, r, q = W r, lx one step further; t->next is then the former x. */
 static void pcg_advance(struct rec_pcg *t, bool anew, double rwr[4])
 {
-    rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = t->pass;
-    pvx_pool *pool = pb->a->pool;
-    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
-    pvx_pool_run(pool, chunks, pass->step, t);
-    rec_sum(pb, 0, chunks, S_A, t->moved2);
-    t->any_clipped = false;
-    for (size_t k = 0; k < chunks; k++)
-        t->any_clipped = t->any_clipped || pb->n_clipped[k] > 0;
+    double sums[3][4];
+    rec_pcg_pass(t, REC_PASS_STEP, sums);
+    memcpy(t->moved2, sums[0], LANES);
     if (t->any_clipped && !anew)
-        pvx_pool_run(pool, (size_t)pb->a->slabs, pass->clipped, t);
+        rec_pcg_pass(t, REC_PASS_CLIPPED, NULL);
     pcg_swap(&t->x, &t->next);
     if (anew) {
         refresh(t, rwr);
         return;
     }
-    pvx_pool_run(pool, rows + chunks, pass->residual, t);
-    rec_sum(pb, 0, rows, S_A, rwr);
-    take_penalty(t, rows);
-    rec_bound_raise(pb, t->r, t->q, rwr);
+    rec_pcg_pass(t, REC_PASS_RESIDUAL, sums);
+    memcpy(rwr, sums[0], LANES);
+    memcpy(t->penalty, sums[1], LANES);
+    memcpy(t->norm2, sums[2], LANES);
+    rec_bound_raise(t->pb, t->r, t->q, rwr);
 }
 
 /* Value of (1) per lane. */
@@ -144,40 +125,31 @@ static void pcg_value(const struct rec_pcg *t, const double rwr[4], double f[4])
     for (int l = 0; l < 4; l++)
         f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * t->penalty[l];
 }
-/* S of (6), of the weights as they are now. */
-static void precondition(struct rec_pcg *t)
-{
-    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), t->pass->scale, t);
-}
 /* Gradient of t->x by one of the two passes for it. */
-static void differentiate(struct rec_pcg *t, pvx_task_fn gradient, double gamma[4], double cross[4])
+static void differentiate(struct rec_pcg *t, enum rec_pcg_pass gradient, double gamma[4],
+                          double cross[4])
 {
-    rec_problem *pb = t->pb;
-    size_t chunks = rec_column_chunks(pb);
+    double sums[3][4];
     pcg_swap(&t->phi, &t->phi_old);
-    pvx_pool_run(pb->a->pool, chunks, gradient, t);
-    rec_sum(pb, 0, chunks, S_A, gamma);
-    rec_sum(pb, 0, chunks, S_B, cross);
+    rec_pcg_pass(t, gradient, sums);
+    memcpy(gamma, sums[0], LANES);
+    memcpy(cross, sums[1], LANES);
 }
 
 /* If f of some lane rose in the step from t->next to t->x, moves x to the least f along that step:
  *   f(t) = f0 + t phi's + t^2 (f1 - f0 - phi's). */
 static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], double rwr[4])
 {
-    rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = t->pass;
-    size_t chunks = rec_column_chunks(pb);
-    double down[4];
+    double down[3][4];
     pcg_swap(&t->x, &t->next);
-    pvx_pool_run(pb->a->pool, chunks, pass->slope, t);
-    rec_sum(pb, 0, chunks, S_A, down);
+    rec_pcg_pass(t, REC_PASS_SLOPE, down);
     for (int l = 0; l < 4; l++) {
-        double bend = f1[l] - f0[l] - down[l];
-        double best = bend > 0 && down[l] < 0 ? -down[l] / (2 * bend) : 0;
+        double bend = f1[l] - f0[l] - down[0][l];
+        double best = bend > 0 && down[0][l] < 0 ? -down[0][l] / (2 * bend) : 0;
         t->back[l] = f1[l] <= f0[l] ? 1 : fmin(best, 1);
         t->moved2[l] *= t->back[l] * t->back[l];
     }
-    pvx_pool_run(pb->a->pool, chunks, pass->retreat, t);
+    rec_pcg_pass(t, REC_PASS_RETREAT, NULL);
     pcg_swap(&t->x, &t->next);
     refresh(t, rwr);
 }
@@ -195,7 +167,6 @@ static bool risen(const rec_problem *pb, const double now[4], const double befor
 static void pcg_begin(struct rec_pcg *t)
 {
     rec_problem *pb = t->pb;
-    size_t chunks = rec_column_chunks(pb);
     rec_smooth_init(&t->smooth, &pb->a->S->grid);
     if (pb->frozen != NULL) { /* V and the neighbours are there */
         memcpy(t->lambda, pb->frozen->lambda, sizeof t->lambda);
@@ -207,9 +178,9 @@ static void pcg_begin(struct rec_pcg *t)
     }
     memcpy(t->lambda, pb->lambda, sizeof t->lambda);
     memcpy(t->nu, pb->nu, sizeof t->nu);
-    pvx_pool_run(pb->a->pool, chunks, t->pass->begin, t); /* L; V = 1; d = 0 */
+    rec_pcg_pass(t, REC_PASS_BEGIN, NULL); /* L; V = 1; d = 0 */
     if (t->expect != NULL)
-        pvx_pool_run(pb->a->pool, chunks, t->pass->expected, t);
+        rec_pcg_pass(t, REC_PASS_EXPECTED, NULL);
 }
 
 /* What frozen solves after this one are given. */
@@ -234,8 +205,8 @@ static void pcg_from_here(struct pcg_run *s)
 {
     double cross[4];
     pcg_value(&s->t, s->rwr, s->f);
-    precondition(&s->t);
-    differentiate(&s->t, s->t.pass->gradient, s->gamma, cross); /* phi of (3), phi'M phi */
+    rec_pcg_pass(&s->t, REC_PASS_SCALE, NULL);
+    differentiate(&s->t, REC_PASS_GRADIENT, s->gamma, cross); /* phi of (3), phi'M phi */
 }
 
 /* V and lambda from x; f, M and phi of the new objective. */
@@ -251,8 +222,8 @@ static void pcg_renew(struct pcg_run *s, struct rec_solve_report *out)
     }
     rec_renewal_take(&s->renewal, t, s->rwr, out); /* V and lambda from x */
     pcg_value(t, s->rwr, s->f);
-    precondition(t);
-    differentiate(t, other ? t->pass->gradient : t->pass->regradient, s->gamma, cross);
+    rec_pcg_pass(t, REC_PASS_SCALE, NULL);
+    differentiate(t, other ? REC_PASS_GRADIENT : REC_PASS_REGRADIENT, s->gamma, cross);
     rec_stop_anew(&s->stop, rec_lanes_total(s->f), s->renewal.restless);
 }
 
@@ -281,7 +252,7 @@ static void pcg_turn(struct pcg_run *s)
 {
     struct rec_pcg *t = &s->t;
     double next[4], cross[4];
-    differentiate(t, t->pass->gradient, next, cross); /* phi, phi'M phi, phi'M phi_old */
+    differentiate(t, REC_PASS_GRADIENT, next, cross); /* phi, phi'M phi, phi'M phi_old */
     for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
         double beta = s->gamma[l] > 0 ? (next[l] - cross[l]) / s->gamma[l] : 0;
         t->beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;

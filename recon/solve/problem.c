@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/solve/impl.h"
+#include "recon/solve/card.h"
 #include "recon/solve/selfcal.h"
 
 #define PAGE 4096
@@ -89,10 +89,14 @@ void rec_sum(const rec_problem *pb, size_t from, size_t to, int what, double out
     }
 }
 
-double rec_norm_x(const rec_problem *pb, const float *v)
+double rec_norm_x(rec_problem *pb, const float *v)
 {
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     double d[4];
-    rec_dot(pb->a, pb->a->n, v, v, d);
+    if (card != NULL)
+        card->square(pb, v, d);
+    else
+        rec_dot(pb->a, pb->a->n, v, v, d);
     return sqrt(rec_lanes_total(d));
 }
 
@@ -109,10 +113,23 @@ static void copy_chunk(void *ctx, size_t k)
     size_t cs = (size_t)t->pb->cs, o = (size_t)q0 * cs;
     memcpy(t->dst + o, t->src + o, (size_t)(q1 - q0) * cs * sizeof *t->dst);
 }
-void rec_copy_x(const rec_problem *pb, float *dst, const float *src)
+void rec_copy_x(rec_problem *pb, float *dst, const float *src)
 {
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     struct copy t = {pb, dst, src};
-    pvx_pool_run(pb->a->pool, rec_column_chunks(pb), copy_chunk, &t);
+    if (card != NULL)
+        card->copy(pb, dst, src);
+    else
+        pvx_pool_run(pb->a->pool, rec_column_chunks(pb), copy_chunk, &t);
+}
+
+void rec_clear_x(rec_problem *pb, float *x)
+{
+    const struct rec_card_ops *card = rec_card_of(pb->a);
+    if (card != NULL)
+        card->clear(pb, x);
+    else
+        memset(x, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *x);
 }
 
 struct residual {
@@ -144,7 +161,12 @@ static void residual_chunk(void *ctx, size_t k)
 }
 void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4])
 {
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     struct residual t = {.pb = pb, .to = {r, wr}};
+    if (card != NULL) {
+        card->residual(pb, x, r, wr, out);
+        return;
+    }
     rec_start_product(pb, x);
     pvx_pool_run(pb->a->pool, rec_row_chunks(pb), residual_chunk, &t);
     rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
@@ -182,7 +204,7 @@ static void load_nothing(rec_problem *pb, size_t i)
         memset(pb->w4 + i * 4, 0, 4 * sizeof *pb->w4);
 }
 
-/* Sets b and w on A's rows; sums ||W^(1/2) b||^2, the number of measured rows, w b per lane. */
+/* Sets b and w on A's rows; sums struct rec_card_load. */
 static void load_chunk(void *ctx, size_t k)
 {
     rec_problem *pb = ctx;
@@ -214,6 +236,25 @@ static void load_chunk(void *ctx, size_t k)
     memcpy(pb->part[k][3], sum, sizeof sum);
 }
 
+static void load_rows(rec_problem *pb, struct rec_card_load *out)
+{
+    const struct rec_subsys *a = pb->a;
+    size_t rows = rec_row_chunks(pb);
+    double sum[4];
+    /* Clears the place of windows that do not exist: rows of another level may have been there. */
+    size_t nowhere = a->win.nowhere * (size_t)pb->cs, end = a->win.room * (size_t)pb->cs;
+    for (int i = 0; i < N_YVEC; i++)
+        memset(pb->yv[i] + nowhere, 0, (end - nowhere) * sizeof *pb->yv[i]);
+    pvx_pool_run(a->pool, rows, load_chunk, pb);
+    rec_sum(pb, 0, rows, 0, sum);
+    rec_sum(pb, 0, rows, 1, out->light);
+    rec_sum(pb, 0, rows, 2, out->measured);
+    rec_sum(pb, 0, rows, 3, out->weight);
+    out->norm2 = sum[0];
+    out->rows = sum[1];
+    out->ones = sum[2];
+}
+
 bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct rec_pictures *in)
 {
     pb->a = a;
@@ -224,26 +265,23 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
     pb->frozen = NULL;
     pb->start = REC_START_NONE;
     pb->renewals = REC_RENEWALS;
-    size_t rows = rec_row_chunks(pb);
-    double sum[4], weight[4];
-    /* Clears the place of windows that do not exist: rows of another level may have been there. */
-    size_t nowhere = a->win.nowhere * (size_t)pb->cs, end = a->win.room * (size_t)pb->cs;
-    for (int i = 0; i < N_YVEC; i++)
-        memset(pb->yv[i] + nowhere, 0, (end - nowhere) * sizeof *pb->yv[i]);
-    pvx_pool_run(a->pool, rows, load_chunk, pb);
-    rec_sum(pb, 0, rows, 0, sum);
-    rec_sum(pb, 0, rows, 1, pb->light);
-    rec_sum(pb, 0, rows, 2, pb->measured);
-    rec_sum(pb, 0, rows, 3, weight);
-    pb->b_norm2 = sum[0];
-    pb->m = sum[1] * pb->nch;
-    pb->whole = sum[2] == a->rows;
+    const struct rec_card_ops *card = rec_card_of(a);
+    struct rec_card_load sum = {0};
+    if (card != NULL)
+        card->load(pb, &sum);
+    else
+        load_rows(pb, &sum);
+    memcpy(pb->light, sum.light, sizeof pb->light);
+    memcpy(pb->measured, sum.measured, sizeof pb->measured);
+    pb->b_norm2 = sum.norm2;
+    pb->m = sum.rows * pb->nch;
+    pb->whole = sum.ones == a->rows;
     for (int l = 0; l < 4; l++)
         pb->share[l] = 1;
     if (in->per_channel) {
         pb->m = rec_lanes_total(pb->measured);
-        for (int l = 0; l < 4 && weight[3] > 0; l++)
-            pb->share[l] = l < 3 ? weight[l] / weight[3] : 1;
+        for (int l = 0; l < 4 && sum.weight[3] > 0; l++)
+            pb->share[l] = l < 3 ? sum.weight[l] / sum.weight[3] : 1;
     }
     rec_selfcal_apply(pb);
     pb->any = a->n > 0 && a->nnz > 0 && pb->m > 0 && pb->b_norm2 > 0;

@@ -25,15 +25,12 @@ bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved)
 
 void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
 {
-    size_t chunks = rec_column_chunks(t->pb);
-    double sum[4], sum2[4];
-    pvx_pool_run(t->pb->a->pool, chunks, t->pass->brightness, t);
-    rec_sum(t->pb, 0, chunks, S_A, sum);
-    rec_sum(t->pb, 0, chunks, S_B, sum2);
-    rec_sum(t->pb, 0, chunks, S_C, lit);
-    t->usual = sum[0] > 0 ? sum2[0] / sum[0] : 0;
-    pvx_pool_run(t->pb->a->pool, chunks, t->pass->stiffness, t);
-    rec_sum(t->pb, 0, chunks, S_A, penalty);
+    double sums[3][4];
+    rec_pcg_pass(t, REC_PASS_BRIGHTNESS, sums);
+    t->usual = sums[0][0] > 0 ? sums[1][0] / sums[0][0] : 0;
+    memcpy(lit, sums[2], sizeof sums[2]);
+    rec_pcg_pass(t, REC_PASS_STIFFNESS, sums);
+    memcpy(penalty, sums[0], sizeof sums[0]);
 }
 
 /* Whether the lambda of some channel changed by more than the factor RESTLESS. */

@@ -5,11 +5,9 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/solve/impl.h"
+#include "recon/solve/card.h"
 
-#define SIDE     16 /* tiles along a picture's longer side, at most */
-#define TILES    (SIDE * SIDE)
-#define NARROW   4    /* bins along a tile, at least */
+#define TILES    REC_SELFCAL_TILES
 #define ROUNDS   2    /* renewals of the finest grid with an estimate, at most */
 #define MOST     3.0  /* bins that a picture is shifted, at most, */
 #define MOST_LOG 0.3  /* and the largest step of a gain */
@@ -17,6 +15,7 @@
 
 /* The sums of a tile.  u: across, v: down. */
 enum { S_B, S_R, S_MU, S_MV, S_GU, S_GV, S_HUU, S_HUV, S_HVV, S_YU, S_YV, N_SUMS };
+_Static_assert(N_SUMS == REC_SELFCAL_SUMS, "selfcal.h names them");
 
 struct aim {                         /* of a camera */
     double gain, shift[2];           /* (1), bins of the finest grid's pictures */
@@ -205,23 +204,20 @@ REC_INLINE void selfcal_row(const struct look *t, size_t c, size_t i, size_t x, 
     sum[S_YV] += wr * v;
 }
 
-/* The sums of all tiles of camera c.  The bins of a block count for the tile of its first. */
+/* Adds up the sums of all tiles of camera c.  The bins of a block count for the tile of its first. */
 REC_INLINE void selfcal_tiles(const struct look *t, size_t c, size_t cs)
 {
     const struct rec_subsys *a = t->pb->a;
-    size_t from = a->row0[c], to = a->row0[c + 1], bw = (size_t)a->S->block[c].bw,
-           bh = (size_t)a->S->block[c].bh;
-    size_t side = (bw > bh ? bw : bh) / SIDE + 1;
+    size_t from = a->row0[c], to = a->row0[c + 1], bw = (size_t)a->S->block[c].bw;
+    size_t side = rec_selfcal_tile(bw, (size_t)a->S->block[c].bh);
     struct aim *o = &t->pb->selfcal->aim[c];
-    side = side < NARROW ? NARROW : side;
-    memset(o->tile, 0, sizeof o->tile);
     for (int32_t k = 0; k < a->n_blocks; k++) {
         size_t i = (size_t)a->block[k] * REC_ROW_BLOCK, end = i + REC_ROW_BLOCK;
         if (end <= from || i >= to)
             continue;
         i = i < from ? from : i;
         end = end > to ? to : end;
-        double(*tile) = o->tile[(i - from) / bw / side * SIDE + (i - from) % bw / side];
+        double(*tile) = o->tile[(i - from) / bw / side * REC_SELFCAL_SIDE + (i - from) % bw / side];
         rec_f4 sum[N_SUMS];
         memset(sum, 0, sizeof sum);
         for (; i < end; i++)
@@ -318,7 +314,8 @@ static void selfcal_look(void *ctx, size_t c)
         return;
     if (shifts)
         aim_follow(o, a, c);
-    t->pb->cs == 4 ? selfcal_tiles(t, c, 4) : selfcal_tiles(t, c, 1);
+    if (a->card == NULL)
+        t->pb->cs == 4 ? selfcal_tiles(t, c, 4) : selfcal_tiles(t, c, 1);
     aim_step(o, shifts);
 }
 
@@ -428,12 +425,28 @@ static void selfcal_judge_shifts(rec_selfcal *s, double scale)
     s->size[1] = known > 0 ? scale * sqrt(2 * f / known) : 0;
 }
 
+/* All tiles as 0, or on a card with their sums. */
+static void selfcal_prepare(rec_problem *pb, const float *r)
+{
+    const struct rec_card_ops *card = rec_card_of(pb->a);
+    rec_selfcal *s = pb->selfcal;
+    double *tile[REC_MAX_CAMERAS];
+    for (size_t c = 0; c < s->S->n_cameras; c++) {
+        memset(s->aim[c].tile, 0, sizeof s->aim[c].tile);
+        tile[c] = pb->a->present[c] ? s->aim[c].tile[0] : NULL;
+    }
+    if (card != NULL)
+        card->tiles(pb, r, tile);
+    else
+        selfcal_mark(s, pb->a);
+}
+
 bool rec_selfcal_estimate(rec_problem *pb, const float *r)
 {
     rec_selfcal *s = pb->selfcal;
     struct look t = {pb, r};
     bool shifts = s->mode == REC_SELFCAL_ON;
-    selfcal_mark(s, pb->a);
+    selfcal_prepare(pb, r);
     pvx_pool_run(pb->a->pool, s->S->n_cameras, selfcal_look, &t);
     selfcal_see(s, selfcal_scale(pb));
     selfcal_judge_gains(s);
@@ -578,13 +591,30 @@ static void selfcal_correct(void *ctx, size_t k)
     }
 }
 
+/* The same on a card. */
+static void selfcal_correct_there(rec_problem *pb)
+{
+    struct rec_card_shot to[REC_MAX_CAMERAS];
+    for (size_t c = 0; c < pb->selfcal->S->n_cameras; c++) {
+        const struct shot s = shot_of(pb, c);
+        to[c] = (struct rec_card_shot){
+            .dx = (int32_t)s.dx, .dy = (int32_t)s.dy, .gain = s.gain, .moved = s.moved};
+        memcpy(to[c].w, s.w, sizeof s.w);
+    }
+    rec_card_of(pb->a)->correct(pb, to);
+}
+
 void rec_selfcal_apply(rec_problem *pb)
 {
     rec_selfcal *s = pb->selfcal;
     if (s == NULL || pb->in.per_channel || (!s->any[0] && !s->any[1]))
         return;
-    selfcal_mark(s, pb->a);
-    pvx_pool_run(pb->a->pool, rec_row_chunks(pb), selfcal_correct, pb);
+    if (pb->a->card != NULL) {
+        selfcal_correct_there(pb);
+    } else {
+        selfcal_mark(s, pb->a);
+        pvx_pool_run(pb->a->pool, rec_row_chunks(pb), selfcal_correct, pb);
+    }
     pb->given = pb->in.least != NULL ? pb->bound : pb->in.b;
 }
 

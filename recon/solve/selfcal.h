@@ -44,6 +44,17 @@
 
 typedef struct rec_selfcal rec_selfcal;
 
+#define REC_SELFCAL_SIDE  16 /* tiles along a picture's longer side, at most */
+#define REC_SELFCAL_TILES (REC_SELFCAL_SIDE * REC_SELFCAL_SIDE)
+/* Bins along a tile of a picture of bw x bh bins. */
+static inline size_t rec_selfcal_tile(size_t bw, size_t bh)
+{
+    size_t side = (bw > bh ? bw : bh) / REC_SELFCAL_SIDE + 1;
+    return side < 4 ? 4 : side;
+}
+#define REC_SELFCAL_SUMS \
+    11 /* of a tile: B, R, M, G (u, v each), H (uu, uv, vv), y (u, v); u: across, v: down */
+
 #define REC_SELFCAL_GAIN_SIGMAS  2.0
 #define REC_SELFCAL_SHIFT_SIGMAS 5.0
 #define REC_SELFCAL_GAIN_LEAST   0.02

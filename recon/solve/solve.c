@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/clock.h"
-#include "recon/solve/impl.h"
+#include "recon/solve/card.h"
 
 const struct rec_solve_params rec_solve_defaults = REC_SOLVE_DEFAULTS;
 
@@ -61,6 +61,13 @@ static void solve_do_run(rec_problem *pb, rec_method *method, const struct rec_s
     out->rel_residual = out->residual_norm / sqrt(pb->b_norm2);
 }
 
+/* What recon/opencl can do. */
+static bool solve_on_card(const rec_problem *pb, const struct rec_solve_params *p)
+{
+    return rec_solver_is_default(p->solver) && p->stop != REC_STOP_LCURVE && p->trace == NULL &&
+           pb->in.least == NULL && pb->expect == NULL && pb->frozen == NULL;
+}
+
 pvx_err rec_solve(rec_problem *pb, const struct rec_solve_params *p, float *x,
                   struct rec_solve_report *out)
 {
@@ -70,11 +77,13 @@ pvx_err rec_solve(rec_problem *pb, const struct rec_solve_params *p, float *x,
         return PVX_EINVAL;
     if (pb->in.per_channel && (i != 0 || pb->nch != 3))
         return PVX_EUNSUP;
+    if (pb->a->card != NULL && !solve_on_card(pb, p))
+        return PVX_EUNSUP;
     int64_t begin = pvx_now_mono();
     if (pb->any)
         solve_do_run(pb, methods[i], p, x, out);
     else
-        memset(x, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *x);
+        rec_clear_x(pb, x);
     pb->start = REC_START_NONE; /* x is no longer a start */
     out->time_ns = pvx_now_mono() - begin;
     return PVX_OK;

@@ -32,7 +32,8 @@
     M("mrnsd", rec_solve_mrnsd)
 
 /* x [n][cs]: in: set by a function of start.h, out: the result.  Errors: PVX_EINVAL (unknown solver, no start),
- * PVX_EUNSUP (weights per channel, but not the default solver, or only one channel). */
+ * PVX_EUNSUP (weights per channel, but not the default solver, or only one channel; a system on a card, and another
+ * solver, the L-curve's stop, a trace, bounds or a prediction). */
 PVX_MUST_CHECK pvx_err rec_solve(rec_problem *pb, const struct rec_solve_params *p, float *x,
                                  struct rec_solve_report *out);
 

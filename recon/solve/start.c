@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "recon/solve/impl.h"
+#include "recon/solve/card.h"
 
 struct scaling {
     rec_problem *pb;
@@ -51,6 +51,20 @@ static void scale_task(void *ctx, size_t i)
         }
     memcpy(pb->part[i][0], s, sizeof s);
 }
+static void start_fit(struct scaling *t, double fit[4], double size[4])
+{
+    size_t rows = rec_row_chunks(t->pb);
+    pvx_pool_run(t->pb->a->pool, rows, fit_chunk, t);
+    rec_sum(t->pb, 0, rows, 0, fit);
+    rec_sum(t->pb, 0, rows, 1, size);
+}
+static void start_scale(struct scaling *t)
+{
+    rec_problem *pb = t->pb;
+    size_t rows = rec_row_chunks(pb);
+    pvx_pool_run(pb->a->pool, rows + rec_column_chunks(pb), scale_task, t);
+    rec_sum(pb, 0, rows, 0, pb->start_rwr);
+}
 static void start_zero_chunk(void *ctx, size_t k)
 {
     struct scaling *t = ctx;
@@ -66,9 +80,12 @@ static void start_zero_chunk(void *ctx, size_t k)
 
 void rec_start_residual(rec_problem *pb, const float *x, double out[4])
 {
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     struct scaling t = {.pb = pb, .r = pb->yv[0], .wr = pb->yv[1]};
     if (pb->start == REC_START_SCALED) {
         memcpy(out, pb->start_rwr, sizeof pb->start_rwr);
+    } else if (pb->start == REC_START_ZERO && card != NULL) {
+        card->zero_residual(pb, t.r, t.wr, out);
     } else if (pb->start == REC_START_ZERO) { /* r = -b */
         pvx_pool_run(pb->a->pool, rec_row_chunks(pb), start_zero_chunk, &t);
         rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
@@ -79,26 +96,29 @@ void rec_start_residual(rec_problem *pb, const float *x, double out[4])
 
 void rec_start_zero(rec_problem *pb, float *x)
 {
-    memset(x, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *x);
+    rec_clear_x(pb, x);
     pb->start = REC_START_ZERO;
 }
 
 void rec_start_scaled(rec_problem *pb, float *x)
 {
-    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
+    const struct rec_card_ops *card = rec_card_of(pb->a);
     struct scaling t = {.pb = pb, .x = x, .r = pb->yv[0], .wr = pb->yv[1]};
     double fit[4], size[4];
     rec_residual(pb, x, t.r, t.wr, fit);
-    pvx_pool_run(pb->a->pool, rows, fit_chunk, &t);
-    rec_sum(pb, 0, rows, 0, fit);
-    rec_sum(pb, 0, rows, 1, size);
+    if (card != NULL)
+        card->fit(pb, t.r, fit, size);
+    else
+        start_fit(&t, fit, size);
     for (int l = 0; l < 4; l++) {
         t.scale[l] = size[l] > 0 && fit[l] > 0 ? (float)(fit[l] / size[l]) : 0;
         if (!isfinite(t.scale[l]))
             t.scale[l] = 0;
     }
-    pvx_pool_run(pb->a->pool, rows + chunks, scale_task, &t);
-    rec_sum(pb, 0, rows, 0, pb->start_rwr);
+    if (card != NULL)
+        card->scale(pb, t.scale, x, t.r, t.wr, pb->start_rwr);
+    else
+        start_scale(&t);
     pb->start = REC_START_SCALED;
 }
 

@@ -151,22 +151,22 @@ static size_t compare(const struct rec_subsys *a, bool per_channel)
     enum { ROWS = 1, COLUMNS = 2, SLABS = 4 };
     static const struct {
         const char *name;
-        size_t at; /* in the table */
+        enum rec_pcg_pass which;
         int tasks;
-    } pass[] = {{"begin", offsetof(struct rec_pcg_passes, begin), COLUMNS},
-                {"scale", offsetof(struct rec_pcg_passes, scale), COLUMNS},
-                {"direction", offsetof(struct rec_pcg_passes, direction), COLUMNS},
-                {"curvature", offsetof(struct rec_pcg_passes, curvature), ROWS | COLUMNS},
-                {"step", offsetof(struct rec_pcg_passes, step), COLUMNS},
-                {"clipped", offsetof(struct rec_pcg_passes, clipped), SLABS},
-                {"residual", offsetof(struct rec_pcg_passes, residual), ROWS | COLUMNS},
-                {"smoothness", offsetof(struct rec_pcg_passes, smoothness), COLUMNS},
-                {"gradient", offsetof(struct rec_pcg_passes, gradient), COLUMNS},
-                {"brightness", offsetof(struct rec_pcg_passes, brightness), COLUMNS},
-                {"stiffness", offsetof(struct rec_pcg_passes, stiffness), COLUMNS},
-                {"regradient", offsetof(struct rec_pcg_passes, regradient), COLUMNS},
-                {"slope", offsetof(struct rec_pcg_passes, slope), COLUMNS},
-                {"retreat", offsetof(struct rec_pcg_passes, retreat), COLUMNS}};
+    } pass[] = {{"begin", REC_PASS_BEGIN, COLUMNS},
+                {"scale", REC_PASS_SCALE, COLUMNS},
+                {"direction", REC_PASS_DIRECTION, COLUMNS},
+                {"curvature", REC_PASS_CURVATURE, ROWS | COLUMNS},
+                {"step", REC_PASS_STEP, COLUMNS},
+                {"clipped", REC_PASS_CLIPPED, SLABS},
+                {"residual", REC_PASS_RESIDUAL, ROWS | COLUMNS},
+                {"smoothness", REC_PASS_SMOOTHNESS, COLUMNS},
+                {"gradient", REC_PASS_GRADIENT, COLUMNS},
+                {"brightness", REC_PASS_BRIGHTNESS, COLUMNS},
+                {"stiffness", REC_PASS_STIFFNESS, COLUMNS},
+                {"regradient", REC_PASS_REGRADIENT, COLUMNS},
+                {"slope", REC_PASS_SLOPE, COLUMNS},
+                {"retreat", REC_PASS_RETREAT, COLUMNS}};
     struct rec_pcg_passes table[2];
     rec_pcg_passes_init(&table[0], PVX_CPU_REF);
     rec_pcg_passes_init(&table[1], PVX_CPU_AVX2);
@@ -180,9 +180,8 @@ static size_t compare(const struct rec_subsys *a, bool per_channel)
                        (pass[p].tasks & COLUMNS ? rec_column_chunks(&bed[0].pb) : 0) +
                        (pass[p].tasks & SLABS ? (size_t)a->slabs : 0);
         for (int i = 0; i < 2; i++) {
-            pvx_task_fn fn;
-            memcpy(&fn, (const char *)&table[i] + pass[p].at, sizeof fn);
-            if (pass[p].at == offsetof(struct rec_pcg_passes, curvature)) /* A d is in the images */
+            pvx_task_fn fn = table[i].loop[pass[p].which];
+            if (pass[p].which == REC_PASS_CURVATURE) /* A d is in the images */
                 rec_start_product(&bed[i].pb, bed[i].t.d);
             for (size_t k = 0; k < tasks; k++)
                 fn(&bed[i].t, k);

@@ -80,8 +80,8 @@ T_CASE(scale_and_direction_are_those_of_the_definition)
             b.t.stiff.inverse[q] = (float)t_uniform(0.3, 2);
         }
         for (size_t i = 0; i < chunks; i++) {
-            b.table.scale(&b.t, i);
-            b.table.direction(&b.t, i);
+            b.table.loop[REC_PASS_SCALE](&b.t, i);
+            b.table.loop[REC_PASS_DIRECTION](&b.t, i);
         }
         for (size_t q = 0; q < n; q++)
             for (size_t l = 0; l < (size_t)b.pb->nch; l++) {

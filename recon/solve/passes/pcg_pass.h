@@ -8,26 +8,31 @@
 #define REC_PCG_PASS_H
 #include "recon/solve/impl.h"
 
-enum { S_A, S_B, S_C };
+/* The passes and their sums, in this order. */
+enum rec_pcg_pass {
+    REC_PASS_EXPECTED,  /* lhat = a L expect */
+    REC_PASS_BEGIN,     /* neighbours; V = 1; d = 0 */
+    REC_PASS_SCALE,     /* S of (6) */
+    REC_PASS_DIRECTION, /* (4); d'phi */
+    REC_PASS_CURVATURE, /* q = A d; q'Wq, d'L V L d */
+    REC_PASS_STEP,      /* (5): next, the clipped columns, any_clipped; ||next - x||^2 */
+    REC_PASS_CLIPPED,  /* the change of A d by clipping, A e: into the images, on a card q += A e */
+    REC_PASS_RESIDUAL, /* q where clipped, r, q = W r, lx = V L x; r'Wr, x'L lx, ||x||^2 */
+    REC_PASS_SMOOTHNESS, /* lx = V L x; x'L lx, ||x||^2 */
+    REC_PASS_BRIGHTNESS, /* lx = L x; (2a): y to next; y, y^2, columns with x > 0 */
+    REC_PASS_STIFFNESS,  /* V of (2a) from that, lx = V lx; x'L lx */
+    REC_PASS_GRADIENT,   /* ar, (3); phi'M phi, phi'M phi_old */
+    REC_PASS_REGRADIENT, /* the same from the existing ar */
+    REC_PASS_SLOPE,      /* (next - x)'phi */
+    REC_PASS_RETREAT,    /* next = x + back (next - x) */
+    REC_PCG_PASSES
+};
 
-/* ctx: struct rec_pcg.  A task is a chunk of columns.  For curvature and residual it is a chunk of rows, and after
- * those one of columns; for clipped it is a slab. */
+/* Their loops on the pool.  ctx: struct rec_pcg.  A task is a chunk of columns.  For curvature and residual it is a
+ * chunk of rows, and after those one of columns, with sums of each; for clipped it is a slab.  The product of curvature
+ * is in the images before. */
 struct rec_pcg_passes {
-    pvx_task_fn expected;  /* lhat = a L expect */
-    pvx_task_fn begin;     /* neighbours; V = 1; d = 0 */
-    pvx_task_fn scale;     /* S of (6) */
-    pvx_task_fn direction; /* (4); sum A: d'phi */
-    pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
-    pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */
-    pvx_task_fn clipped;   /* the change of A d by clipping, A e, into the images */
-    pvx_task_fn residual;  /* rows: q where clipped, r, q = W r, sum A: r'Wr; columns: smoothness */
-    pvx_task_fn smoothness; /* lx = V L x; sums A x'L lx, B ||x||^2 */
-    pvx_task_fn brightness; /* lx = L x; (2a): y to next, sums A y, B y^2, C columns with x > 0 */
-    pvx_task_fn stiffness;  /* V of (2a) from that, lx = V lx; sum A: x'L lx */
-    pvx_task_fn gradient;   /* ar, (3); sums A phi'M phi, B phi'M phi_old */
-    pvx_task_fn regradient; /* the same from the existing ar */
-    pvx_task_fn slope;      /* sum A: (next - x)'phi */
-    pvx_task_fn retreat;    /* next = x + back (next - x) */
+    pvx_task_fn loop[REC_PCG_PASSES];
 };
 
 struct rec_pcg {
@@ -49,6 +54,9 @@ struct rec_pcg {
     double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
     double moved2[4];             /* ||x - next||^2 of the last step */
 };
+
+/* Runs a pass on the pool, or on the card where the system is (card.h).  sums: NULL for a pass that has none. */
+void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double sums[3][4]);
 
 /* Fill the table for `cpu`: all slots with the reference, then an instruction set's over them. */
 void rec_pcg_passes_init(struct rec_pcg_passes *p, enum pvx_cpu cpu);

@@ -5,6 +5,9 @@
 
 #include "recon/solve/passes/pcg_pass.h"
 
+/* The sums of a task. */
+enum { S_A, S_B, S_C };
+
 /* Inputs of a pass at its elements.  They are a copy, so that no store of the pass can change them. */
 struct elements {
     struct rec_pcg v;
@@ -354,21 +357,21 @@ static void retreat_chunk(void *ctx, size_t k)
 
 void PASSES(struct rec_pcg_passes *p)
 {
-    *p = (struct rec_pcg_passes){
-        .expected = expected_chunk,
-        .begin = begin_chunk,
-        .scale = scale_chunk,
-        .direction = direction_chunk,
-        .curvature = curvature_task,
-        .step = step_chunk,
-        .clipped = clipped_slab,
-        .residual = residual_task,
-        .smoothness = lx_chunk,
-        .brightness = brightness_chunk,
-        .stiffness = stiffness_chunk,
-        .gradient = gradient_chunk,
-        .regradient = regradient_chunk,
-        .slope = slope_chunk,
-        .retreat = retreat_chunk,
-    };
+    *p = (struct rec_pcg_passes){{
+        [REC_PASS_EXPECTED] = expected_chunk,
+        [REC_PASS_BEGIN] = begin_chunk,
+        [REC_PASS_SCALE] = scale_chunk,
+        [REC_PASS_DIRECTION] = direction_chunk,
+        [REC_PASS_CURVATURE] = curvature_task,
+        [REC_PASS_STEP] = step_chunk,
+        [REC_PASS_CLIPPED] = clipped_slab,
+        [REC_PASS_RESIDUAL] = residual_task,
+        [REC_PASS_SMOOTHNESS] = lx_chunk,
+        [REC_PASS_BRIGHTNESS] = brightness_chunk,
+        [REC_PASS_STIFFNESS] = stiffness_chunk,
+        [REC_PASS_GRADIENT] = gradient_chunk,
+        [REC_PASS_REGRADIENT] = regradient_chunk,
+        [REC_PASS_SLOPE] = slope_chunk,
+        [REC_PASS_RETREAT] = retreat_chunk,
+    }};
 }
