@@ -59,9 +59,9 @@ for room in rooms:
                 edges[f] |= {h for h in (m[1], "daemon/" + m[1]) if h in files}
     source = {f"{build}/{os.path.splitext(f)[0]}.o": f for f in files if not f.endswith(".h")}
     objects = [o for o in source if os.path.exists(o)]
-    if not objects:
+    if source and not objects:
         sys.exit(f"circles: {build} has no objects of {room}: run make first")
-    defined, used = symbols(objects)
+    defined, used = symbols(objects) if objects else ({}, {})
     home = {s: source[o] for o in objects for s in defined[o]}
     for o in objects:
         edges[source[o]] |= {home[s] for s in used[o] if s in home}
