@@ -14,16 +14,18 @@ struct rec_cl_part {
     struct rec_card_system base; /* first */
     const struct rec_cl_level *level;
     struct rec_cl_system *of;
+    uint32_t room;               /* for columns: those of all voxels, or fewer */
     int32_t n, rows;             /* columns; rows of A */
     uint32_t bricks, tiles;      /* active: with an active voxel; with a row */
     struct rec_cl_buffer map;    /* int [voxels]: number of the column, or -1 */
-    struct rec_cl_buffer col;    /* int [room for columns]: voxel */
+    struct rec_cl_buffer col;    /* int [room]: voxel */
     struct rec_cl_buffer near;   /* int [6][room]: columns at -x +x -y +y -z +z, or -1 */
     struct rec_cl_buffer brick;  /* uint [all_bricks]: the active ones, ascending */
     struct rec_cl_buffer tile;   /* uint [all_tiles]: the active ones, ascending */
     struct rec_cl_buffer is_row; /* uchar [room of rows] */
     struct rec_cl_buffer b, w,
-        w4; /* lanes, float, float4 [room of rows]: pictures, weights; w4 with per_channel */
+        w4; /* lanes, float, float4 [room of rows]: pictures, weights; w4 with per_channel, and then w on
+               the finest level alone */
     const float *b_here, *w_here; /* their names on the host (card.h) */
 };
 
