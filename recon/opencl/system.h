@@ -9,6 +9,16 @@
 #include "recon/opencl/matrix.h"
 #include "recon/solve/card.h"
 
+/* What products with a part need (products.h: rec_cl_products_new), and what rec_cl_mark_rows leaves there. */
+struct rec_cl_products {
+    struct rec_cl_buffer active;     /* ulong [stored]: bit o: the brick's voxel o is a column */
+    struct rec_cl_buffer tile_rows;  /* uint [all_tiles]: rows of a tile; 0: it is not active */
+    struct rec_cl_buffer tile_pairs; /* uint [all_tiles]: its pairs with active bricks, and */
+    struct rec_cl_buffer pair; /* uint [pairs]: their numbers, from tile_from of the tile on */
+    struct rec_cl_buffer x;    /* lanes [stored][64]: a vector x brick by brick, and */
+    struct rec_cl_buffer lit;  /* uchar [stored]: whether it is not 0 in a brick */
+};
+
 /* The restricted system of one level.  rec_subsys.card points to `base`. */
 struct rec_cl_part {
     struct rec_card_system base; /* first */
@@ -27,6 +37,7 @@ struct rec_cl_part {
         w4; /* lanes, float, float4 [room of rows]: pictures, weights; w4 with per_channel, and then w on
                the finest level alone */
     const float *b_here, *w_here; /* their names on the host (card.h) */
+    struct rec_cl_products products;
 };
 
 typedef struct rec_cl_system {

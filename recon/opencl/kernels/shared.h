@@ -3,8 +3,8 @@
 #ifndef REC_CL_SHARED_H
 #define REC_CL_SHARED_H
 
-#define REC_CL_TILE    8      /* bins along a tile of a picture */
-#define REC_CL_NOWHERE -32768 /* x of a window that does not exist */
+#define REC_CL_TILE    8  /* bins along a tile of a picture */
+#define REC_CL_NOWHERE -1 /* first row of a window that does not exist */
 
 struct rec_cl_camera {
     int row0, bw, bh;
@@ -21,8 +21,8 @@ struct rec_cl_geometry {
 };
 /* A further window of a brick's voxel. */
 struct rec_cl_more {
-    int voxel, camera; /* 0..63 in the brick */
-    int x, y;
+    int voxel, camera;   /* 0..63 in the brick */
+    int at;              /* its first row */
     unsigned char w[16]; /* [high*wide], then 0 */
 };
 
