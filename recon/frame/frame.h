@@ -23,6 +23,8 @@
 extern "C" {
 #endif
 
+struct rec_cl; /* recon/opencl/device.h */
+
 struct rec_frame_params {
     int nch; /* 1 or 3 */
     struct rec_photo_params photo;
@@ -37,8 +39,12 @@ struct rec_frame_params {
     double absorption;             /* c of absorb.h, 1 over pixel value; 0, the default: none */
     uint32_t hold; /* sets in which a camera that was voted out has to agree before it is back;
                           0, the default: each set by itself */
+    struct rec_cl
+        *card; /* carves and solves on it, borrowed; NULL, the default: on the processors */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
+/* What of these parameters only the processors can do, in a few words; NULL: nothing, a card can do all of it. */
+const char *rec_frame_card_why_not(const struct rec_frame_params *p);
 
 struct rec_frame_report {
     struct rec_solve_report solve;
@@ -56,6 +62,8 @@ struct rec_frame_report {
     struct rec_selfcal_report selfcal;
     double temporal;            /* trust in the previous volume, 0..1 */
     bool warm;                  /* the solve started from the earlier volume */
+    bool on_card;               /* solved on params.card */
+    char why_here[128];         /* with params.card, but solved on the processors: the reason */
     uint32_t coarse_iterations; /* iterations on coarser grids, before those of `solve` */
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };

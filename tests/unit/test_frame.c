@@ -144,6 +144,27 @@ T_CASE(noise_of_one_channel)
     free(dense[1]);
 }
 
+T_CASE(what_a_card_cannot_do_is_named)
+{
+    struct rec_frame_params p = rec_frame_defaults;
+    T_OK(rec_frame_card_why_not(&p) == NULL);
+    p.solve.solver = rec_solver_names()[0];
+    p.solve.stop = REC_STOP_ITERATIONS;
+    p.absorption = 1;
+    T_OK(rec_frame_card_why_not(&p) == NULL);
+    p.solve.solver = rec_solver_names()[1];
+    T_CONTAINS(rec_frame_card_why_not(&p), "solver");
+    p = rec_frame_defaults;
+    p.solve.stop = REC_STOP_LCURVE;
+    T_CONTAINS(rec_frame_card_why_not(&p), "L-curve");
+    p = rec_frame_defaults;
+    p.temporal = true;
+    T_CONTAINS(rec_frame_card_why_not(&p), "previous volume");
+    p = rec_frame_defaults;
+    p.at_least = true;
+    T_CONTAINS(rec_frame_card_why_not(&p), "bounds");
+}
+
 T_CASE(flame_comes_out)
 {
     struct rec_frame_params p = params();
