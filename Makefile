@@ -132,6 +132,8 @@ $(B)/%.o: %.c Makefile
 
 # The page's files are compiled in.
 $(B)/daemon/view/files.o: $(wildcard daemon/view/page/*)
+# So are the kernels.
+$(B)/recon/opencl/kernels.o: $(wildcard recon/opencl/kernels/*)
 # Where Debian's packages have the modules.
 $(B)/daemon/base/module.%: CPPFLAGS += -DPVX_MULTIARCH='"$(shell $(CC) -print-multiarch 2>/dev/null)"'
 $(addprefix $(B)/,$(addsuffix /%.o,$(RECON_ROOMS) daemon/base)): pkg_cflags =

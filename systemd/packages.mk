@@ -1,6 +1,6 @@
 # What a bare Debian 12 needs.  tests/setup.sh asks dpkg first, so that installed packages cost no network.  It uses
 # sudo only where it is not root.
-PACKAGES_RECON := build-essential pkg-config libyaml-dev libxxhash-dev
+PACKAGES_RECON := build-essential pkg-config libyaml-dev libxxhash-dev opencl-c-headers
 PACKAGES_BUILD := $(PACKAGES_RECON) libaravis-dev libxml2-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libcjson-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
   libopencv-contrib-dev libcairo2-dev libavformat-dev libavcodec-dev libavutil-dev \
@@ -13,7 +13,8 @@ PACKAGES_TEST := $(PACKAGES_LINT) python3-numpy python3-zmq iproute2 libclang-rt
   mount procps systemd tmux openmpi-bin umockdev hdf5-tools netcdf-bin python3-h5py python3-xarray python3-mypy \
   python3-pip python3-setuptools python3-wheel nftables libopenvdb-tools libnanovdb-tools python3-openvdb \
   python3-opencv colmap camera-calibration-parsers-tools python3-toml \
-  python3-vtk9 weasyprint nodejs openssl ffmpeg faketime node-spdx-expression-parse
+  python3-vtk9 weasyprint nodejs openssl ffmpeg faketime node-spdx-expression-parse \
+  ocl-icd-libopencl1 pocl-opencl-icd oclgrind
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell

@@ -30,7 +30,7 @@ PVX_MUST_CHECK pvx_err rec_cl_queue_new(rec_cl *cl, rec_cl_queue **out, struct p
 void rec_cl_queue_free(rec_cl_queue **q);
 rec_cl *rec_cl_of(const rec_cl_queue *q);
 
-/* `from` and `to` are read and written until rec_cl_wait.  Offsets are in bytes. */
+/* `from` may be changed at once; `to` is written by rec_cl_wait.  Offsets are in bytes. */
 void rec_cl_upload(rec_cl_queue *q, const struct rec_cl_buffer *to, size_t at, const void *from,
                    size_t bytes);
 void rec_cl_download(rec_cl_queue *q, const struct rec_cl_buffer *from, size_t at, void *to,

@@ -24,7 +24,7 @@ typedef int ilanes;
 #endif
 
 /* The piece [from, to) of n items that belongs to this group; its items go through it in steps of the group's size. */
-inline void piece(uint n, uint *from, uint *to)
+static inline void piece(uint n, uint *from, uint *to)
 {
     uint groups = (uint)get_num_groups(0), size = (n + groups - 1) / groups;
     *from = min(n, (uint)get_group_id(0) * size);
@@ -33,21 +33,21 @@ inline void piece(uint n, uint *from, uint *to)
 
 /* Adds v of all items of the group and writes it to parts[slot][group].  tree: local, one double4 an item.  All items
  * of the group call it. */
-inline void put_sum(double4 v, __local double4 *tree, __global double4 *parts, uint slot)
+static inline void put_sum(double4 v, __local double4 *tree, __global double4 *parts, uint slot)
 {
     uint i = (uint)get_local_id(0);
     tree[i] = v;
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint half = (uint)get_local_size(0) / 2; half > 0; half /= 2) {
-        if (i < half)
-            tree[i] += tree[i + half];
+    for (uint step = (uint)get_local_size(0) / 2; step > 0; step /= 2) {
+        if (i < step)
+            tree[i] += tree[i + step];
         barrier(CLK_LOCAL_MEM_FENCE);
     }
     if (i == 0)
         parts[slot * PARTS + get_group_id(0)] = tree[0];
     barrier(CLK_LOCAL_MEM_FENCE);
 }
-inline double4 of_lanes(dlanes v)
+static inline double4 of_lanes(dlanes v)
 {
 #if CS == 4
     return v;

@@ -1,0 +1,39 @@
+/* kernels.h - the kernels and their text.  Private to recon/opencl.
+ *
+ * A file of kernels/ is a program of its own.  shared.h and common.cl stand before it.  It is built for CS=1 and for
+ * CS=4.  A new file needs a line in REC_CL_FILES, a new kernel one in REC_CL_KERNELS. */
+#ifndef REC_CL_KERNELS_H
+#define REC_CL_KERNELS_H
+#include <stddef.h>
+
+/* kernels/NAME.cl */
+#define REC_CL_FILES(X) X(run)
+
+/* X(K, kernel, file): its number is REC_CL_K_<K>. */
+#define REC_CL_KERNELS(X)        \
+    X(ADD_PARTS, add_parts, run) \
+    X(SUM_LANES, sum_lanes, run)
+
+enum rec_cl_file {
+#define REC_CL_NUMBER(file) REC_CL_FILE_##file,
+    REC_CL_FILES(REC_CL_NUMBER)
+#undef REC_CL_NUMBER
+        REC_CL_N_FILES
+};
+enum rec_cl_kernel {
+#define REC_CL_NUMBER(K, kernel, file) REC_CL_K_##K,
+    REC_CL_KERNELS(REC_CL_NUMBER)
+#undef REC_CL_NUMBER
+        REC_CL_N_KERNELS
+};
+
+struct rec_cl_text {
+    const char *name, *begin, *end; /* "run.cl", and what is in it */
+};
+extern const struct rec_cl_text rec_cl_shared, rec_cl_common, rec_cl_text[REC_CL_N_FILES];
+extern const struct rec_cl_kernel_name {
+    const char *name;
+    enum rec_cl_file file;
+} rec_cl_kernel_names[REC_CL_N_KERNELS];
+
+#endif

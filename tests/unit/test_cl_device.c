@@ -1,0 +1,101 @@
+/* test_cl_device.c - devices by OpenCL: listed, opened, buffers and sums. */
+#include "tests/t.h"
+#include "tests/lib/cl_bed.h"
+
+static rec_cl *cl;
+
+T_CASE(lists_what_there_is)
+{
+    struct rec_cl_info o[REC_CL_MOST];
+    struct pvx_diag d = {""};
+    size_t n = rec_cl_list(o, &d), found = n;
+    T_OK(n > 0);
+    for (size_t i = n; i-- > 0;)
+        if (strstr(o[i].platform, cl_bed_name()) != NULL)
+            found = i;
+    T_OK(found < n);
+    if (found == n)
+        return;
+    T_EQ_S(o[found].why_not, "");
+    T_OK(o[found].memory > 1 << 20 && o[found].largest > 1 << 20);
+    T_OK(o[found].name[0] != '\0' && o[found].driver[0] != '\0');
+    T_EQ_S(rec_cl_about(cl)->name, o[found].name);
+    T_OK(rec_cl_lost(cl) == NULL);
+}
+
+T_CASE(a_name_that_is_not_there)
+{
+    struct pvx_diag d = {""};
+    rec_cl *other;
+    T_EQ_I(rec_cl_open("no such card", &other, &d), PVX_ENOENT);
+    T_OK(other == NULL);
+    T_CONTAINS(d.text, "no such card");
+    T_CONTAINS(d.text, rec_cl_about(cl)->name);
+}
+
+T_CASE(buffers_there_and_back)
+{
+    enum { N = 5000011 }; /* more than the staging memory holds */
+    rec_cl_queue *q = cl_bed_queue(cl);
+    uint32_t *up = malloc(N * sizeof *up), *down = calloc(N, sizeof *down);
+    for (size_t i = 0; i < N; i++)
+        up[i] = (uint32_t)t_rand();
+    struct rec_cl_buffer a = cl_bed_buffer(cl, q, NULL, N * sizeof *up),
+                         b = cl_bed_buffer(cl, q, NULL, N * sizeof *up);
+    memset(down, 1, N * sizeof *down);
+    rec_cl_download(q, &a, 0, down, N * sizeof *down);
+    T_OK(rec_cl_wait(q));
+    size_t zeros = 0;
+    for (size_t i = 0; i < N; i++)
+        zeros += down[i] == 0;
+    T_EQ_I(zeros, N);
+    rec_cl_upload(q, &a, 0, up, N * sizeof *up);
+    rec_cl_copy(q, &a, 4, &b, 8, (N - 2) * sizeof *up);
+    rec_cl_zero(q, &b, 40, 4);
+    rec_cl_download(q, &b, 0, down, N * sizeof *down);
+    T_OK(rec_cl_wait(q));
+    size_t wrong = (down[0] != 0) + (down[1] != 0) + (down[10] != 0);
+    for (size_t i = 2; i < N; i++)
+        wrong += i != 10 && down[i] != up[i - 1];
+    T_EQ_I(wrong, 0);
+    rec_cl_buffer_free(cl, &a);
+    rec_cl_buffer_free(cl, &b);
+    rec_cl_queue_free(&q);
+    free(up);
+    free(down);
+}
+
+/* Whole numbers: their sums are exact in any order. */
+static void sums_of(rec_cl_queue *q, int cs, uint32_t n)
+{
+    float *x = malloc(((size_t)n * (size_t)cs + 1) * sizeof *x);
+    double want[4] = {0, 0, 0, 0}, got[2][4];
+    for (size_t i = 0; i < n; i++)
+        for (int c = 0; c < cs; c++) {
+            x[i * (size_t)cs + (size_t)c] = (float)(t_rand() % 1000003);
+            want[c] += x[i * (size_t)cs + (size_t)c];
+        }
+    struct rec_cl_buffer b = cl_bed_buffer(cl, q, x, ((size_t)n * (size_t)cs + 1) * sizeof *x);
+    uint32_t slot = 1, groups[2] = {0, (uint32_t)rec_cl_groups(n)};
+    REC_CL_RUN(q, REC_CL_K_SUM_LANES, cs, groups[1], REC_CL_FLAT, REC_CL_BUFFER(&b),
+               REC_CL_VALUE(n), REC_CL_BUFFER(rec_cl_parts(q)), REC_CL_VALUE(slot));
+    T_OK(rec_cl_sums(q, groups, 2, got));
+    for (int c = 0; c < 4; c++) {
+        T_NEAR(got[0][c], 0, 0);
+        T_NEAR(got[1][c], want[c], 0);
+    }
+    rec_cl_buffer_free(cl, &b);
+    free(x);
+}
+
+T_CASE(sums_are_those_of_a_serial_sum)
+{
+    static const uint32_t n[] = {0, 1, 63, 64, 65, 255, 256, 257, 1027, 131072, 131073, 300007};
+    rec_cl_queue *q = cl_bed_queue(cl);
+    for (size_t i = 0; i < sizeof n / sizeof n[0]; i++)
+        for (int cs = 1; cs <= 4; cs += 3)
+            sums_of(q, cs, n[i]);
+    rec_cl_queue_free(&q);
+}
+
+T_MAIN((cl_bed_begin(), cl = cl_bed_open()), (rec_cl_close(&cl), scratch_remove()))
