@@ -639,6 +639,7 @@ void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)
     out->at_least = c->saturated == 1;
     out->trust_all = c->trust == 1;
     out->temporal = c->temporal == 1;
+    out->again = c->error_bars;
     out->selfcal = (enum rec_selfcal_mode)c->selfcal; /* in the order of the words */
     out->hold = c->lossless ? 0 : (uint32_t)fmin(fmax(0.5 * c->fps, 3), 30);
     out->solve.solver = rec_solver_names()[c->solver]; /* the table lists them in this order */

@@ -348,6 +348,7 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
     dmn_pipeline *p = *out = pvx_calloc(1, sizeof *p);
     PVX_NEED(p);
     p->a = *params;
+    p->a.frame.again = params->bars > 0 || params->draws;
     pthread_mutex_init(&p->tuning_lock, NULL);
     pvx_err e = pipeline_build(p, d);
     if (e != PVX_OK)

@@ -326,7 +326,7 @@ pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed, struct rec_bars
 {
     uint32_t cameras = 0;
     *out = (struct rec_bars_view){.nch = f->nch, .cs = f->cs, .n = f->sub->n, .index = f->col};
-    if (!rec_solver_is_default(f->solver->p.solver))
+    if (!rec_solver_is_default(f->solver->p.solver) || f->sub->card != NULL)
         return PVX_EUNSUP;
     if (!rec_perturb_begin(b->perturb, f->solver->problem, f->x, b->fit))
         return PVX_OK;

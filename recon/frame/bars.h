@@ -85,7 +85,8 @@ struct rec_bars_view {
     uint32_t solves, iterations;
 };
 /* Error bars of the frame that f's solver has solved last, by the default solver; seed: a number of the set, the same
- * bars for the same number.  The frame must not have been carved or reset since.  Errors: PVX_EUNSUP, another solver. */
+ * bars for the same number.  The frame must not have been carved or reset since.  Errors: PVX_EUNSUP: another solver,
+ * or a graphics card. */
 PVX_MUST_CHECK pvx_err rec_frame_bars(rec_frame *f, rec_bars *b, uint64_t seed,
                                       struct rec_bars_view *out);
 

@@ -11,6 +11,8 @@ const char *rec_frame_card_why_not(const struct rec_frame_params *p)
         return "the expectation from the previous volume";
     if (p->at_least)
         return "saturated pixels as lower bounds";
+    if (p->again)
+        return "error bars";
     if (p->solve.trace != NULL)
         return "a trace of the iterates";
     return NULL;

@@ -146,6 +146,7 @@ void rec_frame_reset(rec_frame *f)
     memset(f->camera, 0, sizeof f->camera);
     f->per_channel = f->any_least = false;
     if (f->sub != NULL) {
+        f->sub->card = NULL;
         f->sub->n = f->sub->rows = 0;
         f->sub->nnz = 0;
     }

@@ -39,6 +39,7 @@ struct rec_frame_params {
     double absorption;             /* c of absorb.h, 1 over pixel value; 0, the default: none */
     uint32_t hold; /* sets in which a camera that was voted out has to agree before it is back;
                           0, the default: each set by itself */
+    bool again;    /* frames are solved again for error bars (bars.h) */
     struct rec_cl
         *card; /* carves and solves on it, borrowed; NULL, the default: on the processors */
 };

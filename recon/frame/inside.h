@@ -39,7 +39,8 @@ void rec_kept_free(rec_kept **k);
 void rec_frame_keep(rec_frame *f, rec_kept *k, pvx_pool *pool);
 rec_kept *rec_frame_release(rec_frame *f); /* NULL: it was not kept */
 
-/* Restricted system and right-hand side of the carved frame.  A camera that was voted out has its
+/* Restricted system and right-hand side of the carved frame.  On a graphics card the system has columns and counts
+ * alone (subsys.h).  A camera that was voted out has its
  * right-hand side and weight 0. */
 const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
 const float *rec_frame_rhs(const rec_frame *f);

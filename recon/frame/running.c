@@ -315,7 +315,7 @@ bool rec_running_add(rec_running *r, rec_frame *f, const struct rec_running_set 
     struct rec_perturb_fit fit[4];
     double by[4];
     if (set->age != rec_running_age(r) || !rec_solver_is_default(f->solver->p.solver) ||
-        !rec_perturb_begin(r->perturb, rec_frame_problem(f), f->x, fit))
+        f->sub->card != NULL || !rec_perturb_begin(r->perturb, rec_frame_problem(f), f->x, fit))
         return false;
     running_begin(r, f, set);
     rec_spread_begin(&r->spread, f->sub);

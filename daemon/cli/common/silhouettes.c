@@ -42,12 +42,14 @@ pvx_err silhouettes_new(struct silhouettes *s, struct frames_in *in,
                         struct pvx_diag *d)
 {
     float *dark[REC_MAX_CAMERAS] = {0};
+    struct rec_frame_params here = *p;
     struct rec_rig rig;
+    here.card = NULL; /* nothing is solved */
     *s = (struct silhouettes){.in = in};
     PVX_TRY(rec_rig_copy(in->rig, &rig));
     pvx_err e = new_matrix(in->rig, in->binning, pool, &rig, &s->S, d);
-    PVX_THEN(e, rec_carver_new(s->S, &rig, p, pool, &s->carver, d));
-    PVX_THEN(e, rec_solver_new(s->S, p, &s->solver, d));
+    PVX_THEN(e, rec_carver_new(s->S, &rig, &here, pool, &s->carver, d));
+    PVX_THEN(e, rec_solver_new(s->S, &here, &s->solver, d));
     PVX_THEN(e, rec_frame_new(s->carver, s->solver, &s->frame, d));
     if (e == PVX_OK && background != NULL)
         e = frames_in_background(in, background, dark, d);

@@ -191,12 +191,14 @@ static pvx_err plan_solve(struct plan *p, struct measure *m, struct pvx_diag *d)
 {
     rec_frame *f = NULL;
     rec_bars *bars = NULL;
+    struct rec_frame_params here = *p->params;
     struct cli_progress bar = {.label = "system matrix", .quiet = p->o->quiet};
+    here.card = NULL; /* the matrix is there for a few sets */
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_sysmat_build_active(&m->rig, &m->outline, p->pool,
                                     (struct rec_progress){cli_progress, &bar}, &m->S, d));
     m->build_s = cli_seconds_since(t0);
-    PVX_TRY(rec_frame_alone(m->S, &m->rig, p->params, p->pool, &f, d));
+    PVX_TRY(rec_frame_alone(m->S, &m->rig, &here, p->pool, &f, d));
     pvx_err e = p->o->bars > 0 ? rec_bars_new(m->S, p->params->nch, p->o->bars, &bars, d) : PVX_OK;
     PVX_THEN(e, solve_sets(p, m, f, bars, d));
     rec_bars_free(&bars);
