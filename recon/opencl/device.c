@@ -154,7 +154,7 @@ static pvx_err device_unknown(const char *name, const struct rec_cl_info *o, siz
 
 /* The first one that is meant and can be used. */
 static pvx_err device_choose(const struct rec_cl_library *lib, const char *name, struct found *out,
-                             struct rec_cl_info *info, struct pvx_diag *d)
+                             struct pvx_diag *d)
 {
     struct found found[REC_CL_MOST];
     struct rec_cl_info o[REC_CL_MOST];
@@ -169,7 +169,6 @@ static pvx_err device_choose(const struct rec_cl_library *lib, const char *name,
     for (size_t i = 0; i < n; i++)
         if (device_is_meant(&o[i], name) && o[i].why_not[0] == '\0') {
             *out = found[i];
-            *info = o[i];
             return PVX_OK;
         }
     if (unfit < n)
@@ -189,7 +188,7 @@ static pvx_err device_fill(rec_cl *cl, struct pvx_diag *d)
     if (cl->zeroes == NULL || e != CL_SUCCESS)
         return pvx_fail(d, PVX_ENODEV, "%s: clCreateCommandQueue: %s", cl->info.name,
                         rec_cl_error(e));
-    return rec_cl_build(cl, d);
+    return PVX_OK;
 }
 
 /* Tests do not wait for so long. */
@@ -202,28 +201,48 @@ static double device_patience(void)
     return s;
 }
 
-pvx_err rec_cl_open(const char *name, rec_cl **out, struct pvx_diag *d)
+static pvx_err device_open(const struct rec_cl_library *lib, const struct found *which,
+                           rec_cl **out, struct pvx_diag *d)
 {
-    struct found which = {NULL, NULL};
-    struct rec_cl_info info;
-    *out = NULL;
-    const struct rec_cl_library *lib = rec_cl_library(d);
-    if (lib == NULL)
-        return PVX_ENOENT;
-    PVX_TRY(device_choose(lib, name, &which, &info, d));
-    rec_cl *cl = pvx_calloc(1, sizeof *cl);
+    rec_cl *cl = *out = pvx_calloc(1, sizeof *cl);
     PVX_NEED(cl);
     cl->lib = lib;
-    cl->platform = which.platform;
-    cl->device = which.device;
-    cl->info = info;
+    cl->platform = which->platform;
+    cl->device = which->device;
+    cl->info = device_info(lib, which);
     cl->patience = device_patience();
     pthread_mutex_init(&cl->zeroing, NULL);
     pvx_err e = device_fill(cl, d);
     if (e != PVX_OK)
-        rec_cl_close(&cl);
-    *out = cl;
+        rec_cl_close(out);
     return e;
+}
+
+pvx_err rec_cl_open(const char *name, rec_cl **out, struct pvx_diag *d)
+{
+    struct found which = {NULL, NULL};
+    *out = NULL;
+    const struct rec_cl_library *lib = rec_cl_library(d);
+    if (lib == NULL)
+        return PVX_ENOENT;
+    PVX_TRY(device_choose(lib, name, &which, d));
+    PVX_TRY(device_open(lib, &which, out, d));
+    pvx_err e = rec_cl_build(*out, d);
+    if (e != PVX_OK)
+        rec_cl_close(out);
+    return e;
+}
+
+pvx_err rec_cl_open_bare(size_t number, rec_cl **out, struct pvx_diag *d)
+{
+    struct found found[REC_CL_MOST];
+    *out = NULL;
+    const struct rec_cl_library *lib = rec_cl_library(d);
+    if (lib == NULL)
+        return PVX_ENOENT;
+    if (number >= devices_find(lib, found))
+        return devices_none(d);
+    return device_open(lib, &found[number], out, d);
 }
 
 static void device_release(rec_cl *cl)

@@ -24,6 +24,9 @@ struct rec_cl {
     char why[192];
 };
 
+/* The device with this number in rec_cl_list, without programs: for measurements. */
+PVX_MUST_CHECK pvx_err rec_cl_open_bare(size_t number, rec_cl **out, struct pvx_diag *d);
+
 /* A device is lost once: the first reason stays. */
 void rec_cl_lose(rec_cl *cl, const char *fmt, ...) PVX_PRINTF(2, 3);
 /* Whether e is CL_SUCCESS; else the device is lost: "what: CL_...". */
