@@ -12,7 +12,7 @@ put() { install -D -m 0644 "$1" "$2"; }
 put "$build/lib/libpyrovox-recon.so.1" "$lib/libpyrovox-recon.so.1"
 ln -sf libpyrovox-recon.so.1 "$lib/libpyrovox-recon.so"
 for h in recon/carve/{hull,photo}.h recon/frame/frame.h recon/geom/{body,camera,grid,photometry,rig,spectral}.h recon/matrix/sysmat.h \
-    recon/simd/windows.h recon/solve/params.h recon/view/{render,view}.h recon/vote/{verdict,wrong}.h; do
+    recon/opencl/device.h recon/simd/windows.h recon/solve/params.h recon/view/{render,view}.h recon/vote/{verdict,wrong}.h; do
     put "$h" "$inc/$h"
 done
 for h in err pool; do put "daemon/base/$h.h" "$inc/base/$h.h"; done

@@ -15,8 +15,7 @@
 #include "base/yaml.h"
 #include "recon/matrix/sysmat.h"
 
-/* false: no variable names a folder. */
-static bool cache_dir(char *out, size_t size)
+bool rec_cache_dir(char out[PATH_MAX])
 {
     static const struct {
         const char *env, *below;
@@ -26,8 +25,8 @@ static bool cache_dir(char *out, size_t size)
         const char *v = getenv(places[i].env);
         if (v == NULL || *v == '\0')
             continue;
-        int n = snprintf(out, size, "%s%s", v, places[i].below);
-        return n > 0 && (size_t)n < size;
+        int n = snprintf(out, PATH_MAX, "%s%s", v, places[i].below);
+        return n > 0 && n < PATH_MAX;
     }
     return false;
 }
@@ -55,7 +54,7 @@ pvx_err rec_cache_list(struct rec_cached **out, size_t *n)
     size_t room = 0;
     *out = NULL;
     *n = 0;
-    DIR *folder = cache_dir(dir, sizeof dir) ? opendir(dir) : NULL;
+    DIR *folder = rec_cache_dir(dir) ? opendir(dir) : NULL;
     for (struct dirent *f; folder != NULL && (f = readdir(folder)) != NULL;) {
         unsigned long long key;
         struct stat st;
@@ -119,7 +118,7 @@ static void choose_file(const char *path, uint64_t key, char out[PATH_MAX])
     int n = 0;
     if (path != NULL)
         n = snprintf(out, PATH_MAX, "%s", path);
-    else if (!cache_dir(dir, sizeof dir))
+    else if (!rec_cache_dir(dir))
         LOG_W(RECON, "no place to cache the system matrix: PYROVOX_CACHE, XDG_CACHE_HOME and HOME "
                      "are unset; it is built again every time");
     else if (pvx_mkdirs(dir, &d) != PVX_OK)

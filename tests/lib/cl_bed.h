@@ -2,15 +2,28 @@
  * that T_OPENCL names (Oclgrind).  A test fails where there is none. */
 #ifndef TESTS_CL_BED_H
 #define TESTS_CL_BED_H
-#include "recon/opencl/run.h"
-#include "tests/lib/scratch.h"
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
 
-/* What is compiled lies in the test's own folder, `dir`. */
+#include "base/file.h"
+#include "recon/opencl/run.h"
+
+/* pocl keeps what it compiled below the build folder, for all tests: it compiles slowly.  The product's own cache is not
+ * used: to fill it pocl would compile every kernel. */
 static inline void cl_bed_begin(void)
 {
-    scratch_new();
-    setenv("POCL_CACHE_DIR", dir, 1);
-    setenv("PYROVOX_CACHE", dir, 1);
+    char here[PATH_MAX - 32], cache[PATH_MAX];
+    struct pvx_diag d = {""};
+    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
+        exit(1);
+    snprintf(cache, sizeof cache, "%s/../opencl/cache", here);
+    if (pvx_mkdirs(cache, &d) != PVX_OK)
+        exit(1);
+    setenv("POCL_CACHE_DIR", cache, 1);
+    unsetenv("PYROVOX_CACHE");
+    unsetenv("XDG_CACHE_HOME");
+    unsetenv("HOME");
 }
 
 static inline const char *cl_bed_name(void)

@@ -53,6 +53,15 @@ needs() { # nothing of cameras, sockets, drawing
 }
 check needs_little needs "$b/lib/$lib"
 
+opencl() { # its text asks for the library by name, and the loader does not
+    local f
+    grep -q 'libOpenCL\.so\.1' "$b/lib/$lib" || return 1
+    for f in "$b/lib/$lib" "$pyrovox" "$pyrovoxd"; do
+        readelf -d "$f" > "$dir/needs" && grep -q NEEDED "$dir/needs" && ! grep -i opencl "$dir/needs" || return 1
+    done
+}
+check opencl_is_no_dependency opencl
+
 both() { # with the client in one program
     [ -f "$b/lib/libpyrovox-client.so.1" ] || return 1
     printf '%s\n' '#include <proto/clients/sub.h>' '#include <recon/geom/rig.h>' '#include <stdio.h>' \
