@@ -8,6 +8,8 @@
 #define GROUP 64  /* run.h: REC_CL_GROUP, */
 #define FLAT  256 /* REC_CL_FLAT, */
 #define PARTS 512 /* REC_CL_PARTS */
+#define GROUP_ITEMS __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+#define FLAT_ITEMS  __attribute__((reqd_work_group_size(FLAT, 1, 1)))
 
 #if CS == 4
 typedef float4 lanes;
@@ -15,12 +17,14 @@ typedef double4 dlanes;
 typedef int4 ilanes;
 #define AS_DOUBLE(v) convert_double4(v)
 #define SPLAT(v)     ((float4)(v))
+#define OF_FOUR(v)   (v)
 #else
 typedef float lanes;
 typedef double dlanes;
 typedef int ilanes;
 #define AS_DOUBLE(v) ((double)(v))
 #define SPLAT(v)     ((float)(v))
+#define OF_FOUR(v)   ((v).x) /* of an argument with four lanes */
 #endif
 
 /* The piece [from, to) of n items that belongs to this group; its items go through it in steps of the group's size. */
@@ -31,9 +35,38 @@ static inline void piece(uint n, uint *from, uint *to)
     *to = min(n, *from + size);
 }
 
-/* Adds v of all items of the group and writes it to parts[slot][group].  tree: local, one double4 an item.  All items
- * of the group call it. */
-static inline void put_sum(double4 v, __local double4 *tree, __global double4 *parts, uint slot)
+/* Weight of bin i in every lane. */
+static inline lanes weight_of(__global const float *w, __global const float4 *w4, int per_channel, int i)
+{
+#if CS == 4
+    if (per_channel)
+        return w4[i];
+#endif
+    return SPLAT(w[i]);
+}
+
+/* for (every one of n items in the group's piece that is this item's). */
+#define FOR_MINE(q, n)       \
+    uint q, q##_to;          \
+    piece(n, &q, &q##_to);   \
+    for (q += (uint)get_local_id(0); q < q##_to; q += (uint)get_local_size(0))
+
+/* Bin e of the active tiles, GROUP bins each: its number; -1 where the tile hangs over the picture's end. */
+static inline int bin_of(__constant const struct rec_cl_geometry *g, __global const uint *tile, uint e)
+{
+    int t = (int)tile[e / GROUP], c = 0;
+    while (c + 1 < g->cameras && t >= g->camera[c + 1].tile0)
+        c++;
+    int across = g->camera[c].tiles, wide = g->camera[c].bw;
+    t -= g->camera[c].tile0;
+    int x = t % across * REC_CL_TILE + (int)e % REC_CL_TILE;
+    int y = t / across * REC_CL_TILE + (int)e / REC_CL_TILE % REC_CL_TILE;
+    return x < wide && y < g->camera[c].bh ? g->camera[c].row0 + y * wide + x : -1;
+}
+
+/* The sum of v of all items of the group, for all of them.  tree: local, one double4 an item.  All items of the group
+ * call it. */
+static inline double4 group_sum(double4 v, __local double4 *tree)
 {
     uint i = (uint)get_local_id(0);
     tree[i] = v;
@@ -43,9 +76,16 @@ static inline void put_sum(double4 v, __local double4 *tree, __global double4 *p
             tree[i] += tree[i + step];
         barrier(CLK_LOCAL_MEM_FENCE);
     }
-    if (i == 0)
-        parts[slot * PARTS + get_group_id(0)] = tree[0];
+    v = tree[0];
     barrier(CLK_LOCAL_MEM_FENCE);
+    return v;
+}
+/* The same to parts[slot][group]. */
+static inline void put_sum(double4 v, __local double4 *tree, __global double4 *parts, uint slot)
+{
+    v = group_sum(v, tree);
+    if (get_local_id(0) == 0)
+        parts[slot * PARTS + get_group_id(0)] = v;
 }
 static inline double4 of_lanes(dlanes v)
 {

@@ -25,5 +25,15 @@ struct rec_cl_more {
     int at;              /* its first row */
     unsigned char w[16]; /* [high*wide], then 0 */
 };
+/* smooth.h: a_i of (1); by the neighbours that there are, the factor of x_q and the diagonal of L L. */
+struct rec_cl_smooth {
+    float axis[3], centre[64], diag2[64];
+};
+/* card.h: struct rec_card_shot. */
+struct rec_cl_shot {
+    int dx, dy;
+    float gain, w[16];
+    int moved;
+};
 
 #endif
