@@ -4,6 +4,8 @@ VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
 VM_UVC := $(call obj,$(sort $(wildcard tests/vm/uvc/*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
+# Stands in front of the real one, and fails on demand.
+CL_SHIM := $(B)/tests/opencl/libOpenCL.so.1
 POWER := $(B)/tests/power/power $(B)/tests/power/shim.so $(B)/tests/power/slow.so
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
@@ -42,6 +44,10 @@ $(B)/tests/soak/soak: $(SOAK)
 $(B)/tests/power/%.so: $(B)/tests/power/%.o
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) -o $@ $< -ldl
+$(CL_SHIM): $(B)/tests/opencl/shim.o
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) -Wl,-soname,$(@F) -o $@ $< -ldl
+$(B)/tests/opencl/shim.%: CPPFLAGS += -DPVX_MULTIARCH='"$(shell $(CC) -print-multiarch 2>/dev/null)"'
 $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
 FUZZ_MAIN := $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o)

@@ -1,4 +1,6 @@
 /* test_cl_device.c - devices by OpenCL: listed, opened, buffers and sums. */
+#include <pthread.h>
+
 #include "tests/t.h"
 #include "tests/lib/cl_bed.h"
 
@@ -96,6 +98,75 @@ T_CASE(sums_are_those_of_a_serial_sum)
         for (int cs = 1; cs <= 4; cs += 3)
             sums_of(q, cs, n[i]);
     rec_cl_queue_free(&q);
+}
+
+struct lane {
+    rec_cl_queue *q;
+    int cs, rounds;
+    bool right;
+};
+static void *lane_run(void *p)
+{
+    enum { COUNT = 5001 };
+    struct lane *l = p;
+    float x[COUNT * 4];
+    struct pvx_diag d = {""};
+    struct rec_cl_buffer b;
+    l->right = rec_cl_buffer_new(cl, sizeof x, &b, &d) == PVX_OK;
+    for (int r = 0; r < l->rounds && l->right; r++) {
+        uint32_t n = COUNT, slot = 2, groups[3] = {0, 0, (uint32_t)rec_cl_groups(n)};
+        double got[3][4], want = 0;
+        for (int i = 0; i < COUNT * l->cs; i++) {
+            x[i] = (float)(i % 100 + r);
+            want += i % l->cs == 0 ? x[i] : 0;
+        }
+        rec_cl_upload(l->q, &b, 0, x, sizeof x);
+        REC_CL_RUN(l->q, REC_CL_K_SUM_LANES, l->cs, groups[2], REC_CL_FLAT, REC_CL_BUFFER(&b),
+                   REC_CL_VALUE(n), REC_CL_BUFFER(rec_cl_parts(l->q)), REC_CL_VALUE(slot));
+        l->right = rec_cl_sums(l->q, groups, 3, got) && got[2][0] == want;
+    }
+    rec_cl_buffer_free(cl, &b);
+    return NULL;
+}
+T_CASE(two_queues_side_by_side)
+{
+    struct lane l[2] = {{cl_bed_queue(cl), 1, T_SANITIZED ? 20 : 200, false},
+                        {cl_bed_queue(cl), 4, T_SANITIZED ? 20 : 200, false}};
+    pthread_t thread[2];
+    for (int i = 0; i < 2; i++)
+        T_EQ_I(pthread_create(&thread[i], NULL, lane_run, &l[i]), 0);
+    for (int i = 0; i < 2; i++)
+        pthread_join(thread[i], NULL);
+    T_OK(l[0].right && l[1].right);
+    rec_cl_queue_free(&l[0].q);
+    rec_cl_queue_free(&l[1].q);
+}
+
+/* What a queue does later sees what another one has done. */
+T_CASE(one_queue_after_another)
+{
+    enum { COUNT = 3000000 };
+    rec_cl_queue *a = cl_bed_queue(cl), *b = cl_bed_queue(cl);
+    float *x = malloc(COUNT * sizeof *x), *y = malloc(COUNT * sizeof *y);
+    struct rec_cl_buffer at_a = cl_bed_buffer(cl, a, NULL, COUNT * sizeof *x),
+                         at_b = cl_bed_buffer(cl, b, NULL, COUNT * sizeof *x);
+    for (int round = 1; round <= 5; round++) {
+        for (int i = 0; i < COUNT; i++)
+            x[i] = (float)(i + round);
+        rec_cl_upload(a, &at_a, 0, x, COUNT * sizeof *x);
+        rec_cl_after(b, a);
+        rec_cl_copy(b, &at_a, 0, &at_b, 0, COUNT * sizeof *x);
+        rec_cl_download(b, &at_b, 0, y, COUNT * sizeof *y);
+        T_OK(rec_cl_wait(b));
+        T_OK(memcmp(x, y, COUNT * sizeof *x) == 0);
+        T_OK(rec_cl_wait(a));
+    }
+    rec_cl_buffer_free(cl, &at_a);
+    rec_cl_buffer_free(cl, &at_b);
+    rec_cl_queue_free(&a);
+    rec_cl_queue_free(&b);
+    free(x);
+    free(y);
 }
 
 T_MAIN((cl_bed_begin(), cl = cl_bed_open()), rec_cl_close(&cl))

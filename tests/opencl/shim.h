@@ -1,0 +1,11 @@
+/* shim.h - what a test program says to the shim of OpenCL that it runs with. */
+#ifndef TESTS_OPENCL_SHIM_H
+#define TESTS_OPENCL_SHIM_H
+#include <stdbool.h>
+
+/* text: FUNCTION:N:WHAT; NULL: no fault from now on.  Calls are counted anew. */
+void pyrovox_cl_fault(const char *text);
+/* Whether it has happened; *calls: of FUNCTION so far. */
+bool pyrovox_cl_happened(long *calls);
+
+#endif
