@@ -38,13 +38,13 @@ struct rec_hull {
 struct extent {
     int32_t n[3];
 };
-static struct extent extent_of(const rec_hull *h, size_t brick)
+static struct extent extent_of(const struct rec_grid *g, size_t brick)
 {
-    int32_t b = (int32_t)brick, row = b / h->nb[0];
-    const int32_t at[3] = {b % h->nb[0], row % h->nb[1], row / h->nb[1]};
+    int32_t b = (int32_t)brick, nx = rec_bricks(g, 0), ny = rec_bricks(g, 1);
+    const int32_t at[3] = {b % nx, b / nx % ny, b / nx / ny};
     struct extent e;
     for (int a = 0; a < 3; a++) {
-        int32_t left = h->S->grid.n[a] - at[a] * BRICK;
+        int32_t left = g->n[a] - at[a] * BRICK;
         e.n[a] = left < BRICK ? left : BRICK;
     }
     return e;
@@ -55,10 +55,10 @@ static bool is_voxel(const struct extent *e, int32_t o)
     return o % BRICK < e->n[0] && o / BRICK % BRICK < e->n[1] && o / (BRICK * BRICK) < e->n[2];
 }
 
-static struct rec_rect brick_rect(const rec_hull *h, size_t c, size_t brick)
+struct rec_rect rec_hull_rect(const rec_sysmat *S, size_t c, size_t brick)
 {
-    const struct rec_rect *fp = h->S->block[c].fp + brick * VOXELS;
-    const struct extent e = extent_of(h, brick);
+    const struct rec_rect *fp = S->block[c].fp + brick * VOXELS;
+    const struct extent e = extent_of(&S->grid, brick);
     struct rec_rect u = {.x0 = UINT16_MAX, .y0 = UINT16_MAX, .x1 = 0, .y1 = 0};
     for (int32_t o = 0; o < VOXELS; o++) {
         if (!is_voxel(&e, o))
@@ -97,7 +97,7 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
         rec_bands_add(&h->bands, b->bh);
         ok = h->brick[c] != NULL && h->sat[c] != NULL && h->column[c] != NULL;
         for (size_t i = 0; ok && part == NULL && i < bricks; i++)
-            h->brick[c][i] = brick_rect(h, c, i);
+            h->brick[c][i] = rec_hull_rect(S, c, i);
     }
     if (!ok) {
         rec_hull_free(&h);
@@ -261,7 +261,7 @@ static void hull_classify(const struct carve *t, size_t brick, uint8_t *restrict
 {
     const rec_hull *h = t->h;
     const struct brick *b = &h->brick_state[brick];
-    const struct extent e = extent_of(h, brick);
+    const struct extent e = extent_of(&h->S->grid, brick);
     uint32_t wanted = t->p->min_views;
     uint8_t need = (uint8_t)(wanted < 1 ? 1 : wanted < UINT8_MAX ? wanted : UINT8_MAX);
     struct voxels v = {0};

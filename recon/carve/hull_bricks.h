@@ -9,4 +9,7 @@
  * Returns the number of marked bricks. */
 size_t rec_hull_bricks(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
                        const bool *present, pvx_pool *pool, uint8_t *brick);
+/* The rectangle around the footprints of a brick's voxels in camera c; REC_RECT_UNKNOWN (active.h) where one of them is
+ * not seen.  S is whole. */
+struct rec_rect rec_hull_rect(const rec_sysmat *S, size_t c, size_t brick);
 #endif

@@ -7,12 +7,25 @@
 #include <stddef.h>
 
 /* kernels/NAME.cl */
-#define REC_CL_FILES(X) X(run)
+#define REC_CL_FILES(X) \
+    X(run)              \
+    X(rows)             \
+    X(products)
 
 /* X(K, kernel, file): its number is REC_CL_K_<K>. */
-#define REC_CL_KERNELS(X)        \
-    X(ADD_PARTS, add_parts, run) \
-    X(SUM_LANES, sum_lanes, run)
+#define REC_CL_KERNELS(X)                     \
+    X(ADD_PARTS, add_parts, run)              \
+    X(SUM_LANES, sum_lanes, run)              \
+    X(BRICK_RECTS, brick_rects, rows)         \
+    X(PAIR_SIZES, pair_sizes, rows)           \
+    X(PAIR_FILL, pair_fill, rows)             \
+    X(FIND_ACTIVE, find_active, products)     \
+    X(MARK_ROWS, mark_rows, products)         \
+    X(SPREAD, spread, products)               \
+    X(FORWARD, forward, products)             \
+    X(ADJOINT, adjoint, products)             \
+    X(COUNT_ENTRIES, count_entries, products) \
+    X(COLUMN_NORMS, column_norms, products)
 
 enum rec_cl_file {
 #define REC_CL_NUMBER(file) REC_CL_FILE_##file,

@@ -48,7 +48,7 @@ typedef struct rec_cl_matrix {
     rec_cl *cl;
     int levels;
     struct rec_cl_level level[REC_CL_LEVELS]; /* 0: S itself */
-    struct rec_cl_queue *queue;               /* of uploads, at first */
+    struct rec_cl_queue *queue;               /* while it is made */
     int users;
 } rec_cl_matrix;
 

@@ -51,17 +51,26 @@ static inline lanes weight_of(__global const float *w, __global const float4 *w4
     piece(n, &q, &q##_to);   \
     for (q += (uint)get_local_id(0); q < q##_to; q += (uint)get_local_size(0))
 
-/* Bin e of the active tiles, GROUP bins each: its number; -1 where the tile hangs over the picture's end. */
+/* The camera of a tile. */
+static inline int tile_camera(__constant const struct rec_cl_geometry *g, uint tile)
+{
+    int c = 0;
+    while (c + 1 < g->cameras && (int)tile >= g->camera[c + 1].tile0)
+        c++;
+    return c;
+}
+/* The row of bin i of a tile; -1: it is beside the picture. */
+static inline int tile_bin(__constant const struct rec_cl_geometry *g, uint tile, uint i)
+{
+    int c = tile_camera(g, tile), n = (int)tile - g->camera[c].tile0, bw = g->camera[c].bw;
+    int x = n % g->camera[c].tiles * REC_CL_TILE + (int)i % REC_CL_TILE;
+    int y = n / g->camera[c].tiles * REC_CL_TILE + (int)i / REC_CL_TILE;
+    return x < bw && y < g->camera[c].bh ? g->camera[c].row0 + y * bw + x : -1;
+}
+/* Bin e of the active tiles, GROUP bins each: its row. */
 static inline int bin_of(__constant const struct rec_cl_geometry *g, __global const uint *tile, uint e)
 {
-    int t = (int)tile[e / GROUP], c = 0;
-    while (c + 1 < g->cameras && t >= g->camera[c + 1].tile0)
-        c++;
-    int across = g->camera[c].tiles, wide = g->camera[c].bw;
-    t -= g->camera[c].tile0;
-    int x = t % across * REC_CL_TILE + (int)e % REC_CL_TILE;
-    int y = t / across * REC_CL_TILE + (int)e / REC_CL_TILE % REC_CL_TILE;
-    return x < wide && y < g->camera[c].bh ? g->camera[c].row0 + y * wide + x : -1;
+    return tile_bin(g, tile[e / GROUP], e % GROUP);
 }
 
 /* The sum of v of all items of the group, for all of them.  tree: local, one double4 an item.  All items of the group
@@ -94,4 +103,14 @@ static inline double4 of_lanes(dlanes v)
 #else
     return (double4)(v, 0, 0, 0);
 #endif
+}
+
+/* The voxel of place o of a brick; -1: it is beside the grid. */
+static inline int brick_voxel(__constant const struct rec_cl_geometry *g, uint brick, uint o)
+{
+    int b = (int)brick, p = (int)o, row = b / g->bricks[0];
+    int i = b % g->bricks[0] * 4 + p % 4;
+    int j = row % g->bricks[1] * 4 + p / 4 % 4;
+    int k = row / g->bricks[1] * 4 + p / 16;
+    return i < g->n[0] && j < g->n[1] && k < g->n[2] ? (k * g->n[1] + j) * g->n[0] + i : -1;
 }

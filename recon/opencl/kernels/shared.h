@@ -3,8 +3,9 @@
 #ifndef REC_CL_SHARED_H
 #define REC_CL_SHARED_H
 
-#define REC_CL_TILE    8  /* bins along a tile of a picture */
-#define REC_CL_NOWHERE -1 /* first row of a window that does not exist */
+#define REC_CL_TILE    8    /* bins along a tile of a picture */
+#define REC_CL_NOWHERE (-1) /* first row of a window that does not exist */
+#define REC_CL_UNIT    8 /* a pair's entries begin at a multiple of so many (matrix.h: pair_at) */
 
 struct rec_cl_camera {
     int row0, bw, bh;
