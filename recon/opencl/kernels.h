@@ -9,6 +9,9 @@
 /* kernels/NAME.cl */
 #define REC_CL_FILES(X) \
     X(run)              \
+    X(scan)             \
+    X(hull)             \
+    X(levels)           \
     X(rows)             \
     X(products)
 
@@ -25,7 +28,24 @@
     X(FORWARD, forward, products)             \
     X(ADJOINT, adjoint, products)             \
     X(COUNT_ENTRIES, count_entries, products) \
-    X(COLUMN_NORMS, column_norms, products)
+    X(COLUMN_NORMS, column_norms, products)   \
+    X(SCAN_SUM, scan_sum, scan)               \
+    X(SCAN_TOTAL, scan_total, scan)           \
+    X(SCAN_PLACE, scan_place, scan)           \
+    X(SCAN_LIST, scan_list, scan)             \
+    X(TABLE_ROWS, table_rows, hull)           \
+    X(TABLE_BANDS, table_bands, hull)         \
+    X(TABLE_COLUMNS, table_columns, hull)     \
+    X(HULL_BRICKS, hull_bricks, hull)         \
+    X(HULL_VOXELS, hull_voxels, hull)         \
+    X(LEVELS_MASK, levels_mask, levels)       \
+    X(LEVELS_ROWS, levels_rows, levels)       \
+    X(LEVELS_FILL, levels_fill, levels)       \
+    X(LEVELS_NEAR, levels_near, levels)       \
+    X(LEVELS_TILES, levels_tiles, levels)     \
+    X(LEVELS_ENTRIES, levels_entries, levels) \
+    X(LEVELS_AVERAGE, levels_average, levels) \
+    X(LEVELS_AVERAGE4, levels_average4, levels)
 
 enum rec_cl_file {
 #define REC_CL_NUMBER(file) REC_CL_FILE_##file,

@@ -36,5 +36,14 @@ struct rec_cl_shot {
     float gain, w[16];
     int moved;
 };
+/* A level in the work areas of the carving (hull.h): its rows of voxels and its bricks among those of all levels. */
+struct rec_cl_place {
+    int n[3], bricks[3];
+    unsigned int row, rows, brick, all_bricks;
+};
+/* A range of words of a scan (scan.cl): words [at, at + n), and the groups that have a piece of it each. */
+struct rec_cl_range {
+    unsigned int at, n, group, groups;
+};
 
 #endif

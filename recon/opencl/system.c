@@ -1,0 +1,189 @@
+#include "recon/opencl/system.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/opencl/hull.h"
+#include "recon/opencl/products.h"
+#include "recon/opencl/solver.h"
+
+/* Until solver.h's operations are there. */
+__attribute__((weak)) const struct rec_card_ops rec_cl_ops = {.levels = rec_cl_levels};
+
+/* ---- memory --------------------------------------------------------------------------------------*/
+
+/* A coarse column has an active child, so no level has more columns than the next finer one. */
+static pvx_err part_new(rec_cl_system *y, int l, size_t columns, struct pvx_diag *d)
+{
+    rec_cl *cl = y->m->cl;
+    struct rec_cl_part *a = &y->part[l];
+    const struct rec_cl_geometry *g = &y->m->level[l].g;
+    size_t voxels = (size_t)g->voxels, rows = (size_t)g->room, cs = (size_t)y->cs;
+    a->base.op = &rec_cl_ops;
+    a->level = &y->m->level[l];
+    a->of = y;
+    a->room = (uint32_t)(columns < voxels ? columns : voxels);
+    PVX_TRY(rec_cl_buffer_new(cl, voxels * sizeof(cl_int), &a->map, d));
+    PVX_TRY(rec_cl_buffer_new(cl, a->room * sizeof(cl_int), &a->col, d));
+    PVX_TRY(rec_cl_buffer_new(cl, a->room * 6 * sizeof(cl_int), &a->near, d));
+    PVX_TRY(rec_cl_buffer_new(cl, (size_t)g->all_bricks * sizeof(cl_uint), &a->brick, d));
+    PVX_TRY(rec_cl_buffer_new(cl, (size_t)g->all_tiles * sizeof(cl_uint), &a->tile, d));
+    PVX_TRY(rec_cl_buffer_new(cl, rows, &a->is_row, d));
+    PVX_TRY(rec_cl_buffer_new(cl, rows * cs * sizeof(float), &a->b, d));
+    PVX_TRY(rec_cl_buffer_new(cl, rows * sizeof(float), &a->w, d));
+    PVX_TRY(rec_cl_buffer_new(cl, cs == 4 ? rows * 4 * sizeof(float) : 0, &a->w4, d));
+    return rec_cl_products_new(a, d);
+}
+static void part_free(rec_cl_system *y, int l)
+{
+    struct rec_cl_part *a = &y->part[l];
+    struct rec_cl_buffer *const all[] = {&a->map,    &a->col, &a->near, &a->brick, &a->tile,
+                                         &a->is_row, &a->b,   &a->w,    &a->w4};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        rec_cl_buffer_free(y->m->cl, all[i]);
+    rec_cl_products_free(a);
+}
+
+pvx_err rec_cl_system_new(rec_cl_matrix *m, int cs, size_t columns, rec_cl_system **out,
+                          struct pvx_diag *d)
+{
+    *out = NULL;
+    rec_cl_system *y = pvx_calloc(1, sizeof *y);
+    if (y == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "a frame set on a device: out of memory");
+    y->m = rec_cl_matrix_share(m);
+    y->cs = cs;
+    y->columns = columns > 0 ? columns : 1;
+    pvx_err e = rec_cl_queue_new(m->cl, &y->queue, d);
+    for (int l = 0; l < m->levels; l++)
+        PVX_THEN(e, part_new(y, l, l == 0 ? y->columns : y->part[l - 1].room, d));
+    PVX_THEN(e, rec_cl_hull_new(y, d));
+    if (e != PVX_OK)
+        rec_cl_system_free(&y);
+    *out = y;
+    return e;
+}
+
+void rec_cl_system_free(rec_cl_system **yp)
+{
+    rec_cl_system *y = *yp;
+    if (y == NULL)
+        return;
+    rec_cl_hull_free(y);
+    for (int l = 0; l < y->m->levels; l++)
+        part_free(y, l);
+    rec_cl_queue_free(&y->queue);
+    rec_cl_matrix_free(&y->m);
+    PVX_FREE(*yp);
+}
+
+/* ---- one frame set -------------------------------------------------------------------------------*/
+
+/* Silhouettes that follow one another in memory go up together, as those of a frame do. */
+static void upload_lit(rec_cl_system *y, const uint8_t *const *lit, const bool *present)
+{
+    const struct rec_cl_geometry *g = &y->m->level[0].g;
+    for (int c = 0, end; c < g->cameras; c = end) {
+        size_t row0 = (size_t)g->camera[c].row0, n = 0;
+        for (end = c; end < g->cameras && present[end] && lit[end] == lit[c] + n; end++)
+            n += (size_t)g->camera[end].bw * (size_t)g->camera[end].bh;
+        end = present[c] ? end : c + 1;
+        rec_cl_upload(y->queue, &y->hull->lit, row0, lit[c], n);
+    }
+}
+
+static void upload_pictures(rec_cl_system *y, const struct rec_cl_carving *in)
+{
+    struct rec_cl_part *a = &y->part[0];
+    size_t rows = (size_t)a->level->g.rows, bytes = rows * sizeof(float);
+    rec_cl_upload(y->queue, &a->b, 0, in->in->b, bytes * (size_t)y->cs);
+    rec_cl_upload(y->queue, &a->w, 0, in->weight, bytes);
+    if (y->per_channel)
+        rec_cl_upload(y->queue, &a->w4, 0, in->in->w, bytes * 4);
+    a->b_here = in->in->b;
+    a->w_here = in->in->w;
+}
+
+static void take_totals(rec_cl_system *y)
+{
+    for (int l = 0; l < y->m->levels; l++) {
+        struct rec_cl_part *a = &y->part[l];
+        a->n = (int32_t)rec_cl_total_of(y, REC_CL_OF_ROWS, l).n;
+        a->bricks = rec_cl_total_of(y, REC_CL_OF_BRICKS, l).n;
+        a->tiles = rec_cl_total_of(y, REC_CL_OF_TILES, l).n;
+        a->rows = (int32_t)rec_cl_total_of(y, REC_CL_OF_TILES, l).a;
+    }
+}
+
+/* `to` as rec_subsys_restrict leaves it, but for what is on the device. */
+static void take_subsys(rec_cl_system *y, int l, const int32_t *col, struct rec_subsys *to)
+{
+    struct rec_cl_part *a = &y->part[l];
+    const double *entry = y->hull->entry[l], unit = (double)to->S->unit;
+    to->card = &a->base;
+    to->col = col;
+    to->n = a->n;
+    to->rows = a->rows;
+    to->nnz = (uint64_t)entry[0];
+    to->sum = unit * entry[1];
+    to->sum2 = unit * unit * entry[2];
+    to->slabs = 0;
+    to->n_blocks = 0;
+    for (size_t c = 0; c < to->S->n_cameras; c++)
+        to->present[c] = (y->present >> c & 1) != 0;
+}
+
+static void take_hull(const rec_cl_system *y, struct rec_hull_kept *kept)
+{
+    const struct rec_cl_total t = rec_cl_total_of(y, REC_CL_OF_BRICKS, 0);
+    kept->n = y->part[0].n;
+    kept->counts = (struct rec_hull_counts){.inside = t.a, .partial = t.b, .cut = t.c};
+    kept->counts.outside = y->part[0].level->g.voxels - kept->counts.inside - kept->counts.partial;
+}
+
+bool rec_cl_carve(rec_cl_system *y, const struct rec_cl_carving *in, struct rec_hull_kept *kept,
+                  struct rec_subsys *sub, bool *too_many)
+{
+    *too_many = false;
+    sub->card = NULL;
+    y->per_channel = in->in->per_channel;
+    y->present = 0;
+    for (int c = 0; c < y->m->level[0].g.cameras; c++)
+        y->present |= (uint64_t)in->present[c] << c;
+    upload_lit(y, in->lit, in->present);
+    upload_pictures(y, in);
+    rec_cl_hull_voxels(y, in->hull);
+    rec_cl_columns(y);
+    rec_cl_rows(y);
+    rec_cl_averages(y);
+    rec_cl_totals(y);
+    if (!rec_cl_wait(y->queue))
+        return false;
+    take_totals(y);
+    *too_many = (size_t)y->part[0].n > y->columns;
+    if (*too_many)
+        return false;
+    for (int l = 0; l < y->m->levels; l++)
+        rec_cl_download(y->queue, &y->part[l].col, 0, l == 0 ? kept->col : y->hull->col[l],
+                        (size_t)y->part[l].n * sizeof(int32_t));
+    if (!rec_cl_wait(y->queue))
+        return false;
+    take_hull(y, kept);
+    take_subsys(y, 0, kept->col, sub);
+    return true;
+}
+
+void rec_cl_levels(const struct rec_subsys *fine, const struct rec_pictures *in,
+                   struct rec_card_level *level, int n)
+{
+    rec_cl_system *y = rec_cl_part_of(fine)->of;
+    (void)in; /* they were carved with */
+    for (int i = 0; i < n; i++) {
+        struct rec_cl_part *a = &y->part[i + 1];
+        memcpy(level[i].col, y->hull->col[i + 1], (size_t)a->n * sizeof *level[i].col);
+        take_subsys(y, i + 1, level[i].col, level[i].sub);
+        a->b_here = level[i].b;
+        a->w_here = level[i].w;
+    }
+}
