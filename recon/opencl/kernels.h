@@ -13,39 +13,74 @@
     X(hull)             \
     X(levels)           \
     X(rows)             \
-    X(products)
+    X(products)         \
+    X(pcg)              \
+    X(problem)          \
+    X(blend)            \
+    X(selfcal)          \
+    X(refine)
 
 /* X(K, kernel, file): its number is REC_CL_K_<K>. */
-#define REC_CL_KERNELS(X)                     \
-    X(ADD_PARTS, add_parts, run)              \
-    X(SUM_LANES, sum_lanes, run)              \
-    X(BRICK_RECTS, brick_rects, rows)         \
-    X(PAIR_SIZES, pair_sizes, rows)           \
-    X(PAIR_FILL, pair_fill, rows)             \
-    X(FIND_ACTIVE, find_active, products)     \
-    X(MARK_ROWS, mark_rows, products)         \
-    X(SPREAD, spread, products)               \
-    X(FORWARD, forward, products)             \
-    X(ADJOINT, adjoint, products)             \
-    X(COUNT_ENTRIES, count_entries, products) \
-    X(COLUMN_NORMS, column_norms, products)   \
-    X(SCAN_SUM, scan_sum, scan)               \
-    X(SCAN_TOTAL, scan_total, scan)           \
-    X(SCAN_PLACE, scan_place, scan)           \
-    X(SCAN_LIST, scan_list, scan)             \
-    X(TABLE_ROWS, table_rows, hull)           \
-    X(TABLE_BANDS, table_bands, hull)         \
-    X(TABLE_COLUMNS, table_columns, hull)     \
-    X(HULL_BRICKS, hull_bricks, hull)         \
-    X(HULL_VOXELS, hull_voxels, hull)         \
-    X(LEVELS_MASK, levels_mask, levels)       \
-    X(LEVELS_ROWS, levels_rows, levels)       \
-    X(LEVELS_FILL, levels_fill, levels)       \
-    X(LEVELS_NEAR, levels_near, levels)       \
-    X(LEVELS_TILES, levels_tiles, levels)     \
-    X(LEVELS_ENTRIES, levels_entries, levels) \
-    X(LEVELS_AVERAGE, levels_average, levels) \
-    X(LEVELS_AVERAGE4, levels_average4, levels)
+#define REC_CL_KERNELS(X)                                \
+    X(ADD_PARTS, add_parts, run)                         \
+    X(SUM_LANES, sum_lanes, run)                         \
+    X(BRICK_RECTS, brick_rects, rows)                    \
+    X(PAIR_SIZES, pair_sizes, rows)                      \
+    X(PAIR_FILL, pair_fill, rows)                        \
+    X(FIND_ACTIVE, find_active, products)                \
+    X(MARK_ROWS, mark_rows, products)                    \
+    X(SPREAD, spread, products)                          \
+    X(FORWARD, forward, products)                        \
+    X(ADJOINT, adjoint, products)                        \
+    X(COUNT_ENTRIES, count_entries, products)            \
+    X(COLUMN_NORMS, column_norms, products)              \
+    X(SCAN_SUM, scan_sum, scan)                          \
+    X(SCAN_TOTAL, scan_total, scan)                      \
+    X(SCAN_PLACE, scan_place, scan)                      \
+    X(SCAN_LIST, scan_list, scan)                        \
+    X(TABLE_ROWS, table_rows, hull)                      \
+    X(TABLE_BANDS, table_bands, hull)                    \
+    X(TABLE_COLUMNS, table_columns, hull)                \
+    X(HULL_BRICKS, hull_bricks, hull)                    \
+    X(HULL_VOXELS, hull_voxels, hull)                    \
+    X(LEVELS_MASK, levels_mask, levels)                  \
+    X(LEVELS_ROWS, levels_rows, levels)                  \
+    X(LEVELS_FILL, levels_fill, levels)                  \
+    X(LEVELS_NEAR, levels_near, levels)                  \
+    X(LEVELS_TILES, levels_tiles, levels)                \
+    X(LEVELS_ENTRIES, levels_entries, levels)            \
+    X(LEVELS_AVERAGE, levels_average, levels)            \
+    X(LEVELS_AVERAGE4, levels_average4, levels)          \
+    X(PCG_BEGIN, pcg_begin, pcg)                         \
+    X(PCG_SCALE, pcg_scale, pcg)                         \
+    X(PCG_DIRECTION, pcg_direction, pcg)                 \
+    X(PCG_ROWS_SQUARE, pcg_rows_square, pcg)             \
+    X(PCG_CURVATURE, pcg_curvature, pcg)                 \
+    X(PCG_STEP, pcg_step, pcg)                           \
+    X(PCG_CLIP, pcg_clip, pcg)                           \
+    X(PCG_ROWS_STEP, pcg_rows_step, pcg)                 \
+    X(PCG_SMOOTHNESS, pcg_smoothness, pcg)               \
+    X(PCG_GRADIENT, pcg_gradient, pcg)                   \
+    X(PCG_SLOPE, pcg_slope, pcg)                         \
+    X(PCG_RETREAT, pcg_retreat, pcg)                     \
+    X(PCG_BRIGHTNESS, pcg_brightness, pcg)               \
+    X(PCG_STIFFNESS, pcg_stiffness, pcg)                 \
+    X(PROBLEM_LOAD, problem_load, problem)               \
+    X(PROBLEM_RESIDUAL, problem_residual, problem)       \
+    X(PROBLEM_FIT, problem_fit, problem)                 \
+    X(PROBLEM_SCALE_ROWS, problem_scale_rows, problem)   \
+    X(PROBLEM_SCALE, problem_scale, problem)             \
+    X(PROBLEM_SQUARE, problem_square, problem)           \
+    X(PROBLEM_DIFFERENCES, problem_differences, problem) \
+    X(BLEND_COLOURS, blend_colours, blend)               \
+    X(BLEND_ROWS, blend_rows, blend)                     \
+    X(BLEND_COLUMNS, blend_columns, blend)               \
+    X(BLEND_TINT, blend_tint, blend)                     \
+    X(BLEND_COLOUR, blend_colour, blend)                 \
+    X(SELFCAL_TILES, selfcal_tiles, selfcal)             \
+    X(SELFCAL_CORRECT, selfcal_correct, selfcal)         \
+    X(REFINE, refine, refine)                            \
+    X(EARLIER, earlier, refine)
 
 enum rec_cl_file {
 #define REC_CL_NUMBER(file) REC_CL_FILE_##file,

@@ -20,7 +20,7 @@ void rec_cl_solver_free(rec_cl_solver **s);
 void rec_cl_solver_begin(rec_cl_solver *s, rec_cl_system *y);
 /* The name of x on the finest level. */
 float *rec_cl_solver_x(rec_cl_solver *s);
-/* x = an earlier volume on this set's voxels, 0 where it had none.  index [n] ascending, value [n][cs]. */
+/* x = an earlier volume on this set's voxels, 0 where it had none.  index [n], value [n][cs]. */
 void rec_cl_solver_earlier(rec_cl_solver *s, int32_t n, const int32_t *index, const float *value);
 /* Downloads x [n][cs].  false: the device was lost meanwhile, and `to` has nothing. */
 bool rec_cl_solver_end(rec_cl_solver *s, float *to);

@@ -8,9 +8,6 @@
 #include "recon/opencl/products.h"
 #include "recon/opencl/solver.h"
 
-/* Until solver.h's operations are there. */
-__attribute__((weak)) const struct rec_card_ops rec_cl_ops = {.levels = rec_cl_levels};
-
 /* ---- memory --------------------------------------------------------------------------------------*/
 
 /* A coarse column has an active child, so no level has more columns than the next finer one. */

@@ -6,6 +6,7 @@
  * Private to the solver. */
 #ifndef REC_PCG_PASS_H
 #define REC_PCG_PASS_H
+#include <float.h>
 #include "recon/solve/impl.h"
 
 /* The passes and their sums, in this order. */
@@ -54,6 +55,18 @@ struct rec_pcg {
     double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
     double moved2[4];             /* ||x - next||^2 of the last step */
 };
+
+/* c and 1 / y_usual of (2a).  c limits how firmly dark parts are held: at most about three times as firmly as the bright
+ * ones. */
+struct rec_pcg_bright {
+    float dark, scale;
+};
+static inline struct rec_pcg_bright rec_pcg_bright(const struct rec_pcg *t)
+{
+    bool fits = t->usual > 1 / (double)FLT_MAX; /* 1/usual fits a float */
+    return fits ? (struct rec_pcg_bright){0.09F, (float)(1 / t->usual)}
+                : (struct rec_pcg_bright){1, 0};
+}
 
 /* Runs a pass on the pool, or on the card where the system is (card.h).  sums: NULL for a pass that has none. */
 void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double sums[3][4]);

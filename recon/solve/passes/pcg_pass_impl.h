@@ -1,5 +1,4 @@
 /* The code of pcg_pass.h; the including file names the function that fills the table, PASSES. */
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -245,10 +244,8 @@ static void residual_task(void *ctx, size_t i)
                           : rec_rows_step(t->pb, i, 1, false, t->alpha, t->r, t->q, t->q, out);
 }
 
-/* (2a): the curvature of a flame grows with its brightness.  DARK limits how firmly dark parts are held: at most
- * about three times as firmly as the bright ones.  x - L x / 8 is the mean of x and its neighbours; lx already holds
- * L x. */
-#define DARK 0.09F
+/* (2a): the curvature of a flame grows with its brightness.  x - L x / 8 is the mean of x and its neighbours; lx already
+ * holds L x. */
 REC_INLINE void brightness(struct elements *e, size_t i, size_t m, size_t cs)
 {
     const struct rec_pcg *t = &e->v;
@@ -286,15 +283,14 @@ REC_INLINE void stiffen(struct elements *e, size_t i, size_t m, size_t cs)
 static void stiffness_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    bool bright = t->usual > 1 / (double)FLT_MAX; /* 1/usual fits a float */
-    float scale = bright ? (float)(1 / t->usual) : 0, dark = bright ? DARK : 1;
+    const struct rec_pcg_bright bright = rec_pcg_bright(t);
     const float *y = t->next, *diag2 = t->smooth.diag2;
     float *restrict by = t->stiff.by, *restrict inverse = t->stiff.inverse;
     float *restrict diag = t->stiff.diag;
     int32_t q0, q1;
     rec_chunk_range(t->pb->a->n, k, &q0, &q1);
     for (int32_t q = q0; q < q1; q++) {
-        inverse[q] = sqrtf(dark + scale * (y[q] > 0 ? y[q] : 0));
+        inverse[q] = sqrtf(bright.dark + bright.scale * (y[q] > 0 ? y[q] : 0));
         by[q] = 1 / inverse[q];
         diag[q] = by[q] * diag2[q];
     }
