@@ -58,4 +58,7 @@ void rec_cl_totals(rec_cl_system *y);
 /* The pictures of the coarser levels. */
 void rec_cl_averages(rec_cl_system *y);
 
+/* subsys.c: `to`, of the given level, as rec_subsys_restrict leaves it, but for what is on the device. */
+void rec_cl_take_subsys(rec_cl_system *y, int level, const int32_t *col, struct rec_subsys *to);
+
 #endif

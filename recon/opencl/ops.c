@@ -38,8 +38,8 @@ static void ops_blend(const struct rec_pcg *v, struct rec_pcg *one, const double
                    REC_CL_VECTOR(&t, v->x), REC_CL_VECTOR(&t, one->x), REC_CL_VECTOR(&t, one->d));
     REC_CL_ROWS(&t, REC_CL_K_BLEND_ROWS, REC_CL_BINS(&t), REC_CL_VECTOR(&t, v->pb->w),
                 REC_CL_VALUE(by), REC_CL_VECTOR(&t, v->pb->b), REC_CL_VECTOR(&t, v->r),
-                REC_CL_VECTOR(&t, one->pb->b), REC_CL_VECTOR(&t, one->r),
-                REC_CL_VECTOR(&t, one->q), REC_CL_TO_PARTS(&t));
+                REC_CL_VECTOR(&t, one->pb->b), REC_CL_VECTOR(&t, one->r), REC_CL_VECTOR(&t, one->q),
+                REC_CL_TO_PARTS(&t));
     ops_sums(&t, t.rows, 1, (double(*)[4])rwr);
 }
 
@@ -106,9 +106,8 @@ static void ops_refine(const struct rec_subsys *coarse, const float *x,
     const uint32_t n = t.n * (uint32_t)t.cs;
     REC_CL_RUN(t.q, REC_CL_K_REFINE, t.cs, rec_cl_groups(n), REC_CL_FLAT, REC_CL_VALUE(n),
                REC_CL_BUFFER(&t.a->level->geometry), REC_CL_BUFFER(&t.a->map),
-               REC_CL_BUFFER(&t.a->col), REC_CL_VECTOR(&t, x),
-               REC_CL_BUFFER(&f.a->level->geometry), REC_CL_BUFFER(&f.a->map),
-               REC_CL_VECTOR(&f, to));
+               REC_CL_BUFFER(&t.a->col), REC_CL_VECTOR(&t, x), REC_CL_BUFFER(&f.a->level->geometry),
+               REC_CL_BUFFER(&f.a->map), REC_CL_VECTOR(&f, to));
 }
 
 const struct rec_card_ops rec_cl_ops = {

@@ -32,7 +32,7 @@ struct rec_cl_solver {
 
     struct rec_cl_buffer smooth[REC_CL_LEVELS]; /* struct rec_cl_smooth */
     struct rec_cl_buffer shot;                  /* struct rec_cl_shot [cameras] */
-    struct rec_cl_buffer tiles;                 /* double [cameras][REC_SELFCAL_TILES][REC_SELFCAL_SUMS] */
+    struct rec_cl_buffer tiles; /* double [cameras][REC_SELFCAL_TILES][REC_SELFCAL_SUMS] */
 };
 
 /* The twin of a vector. */
@@ -71,7 +71,7 @@ static inline size_t rec_cl_level_of(const struct rec_cl_at *t)
     REC_CL_VALUE((t)->bins), REC_CL_BUFFER(&(t)->a->level->geometry), REC_CL_BUFFER(&(t)->a->tile)
 #define REC_CL_WEIGHTS(t, pb, four) \
     REC_CL_VECTOR(t, (pb)->w), REC_CL_VECTOR(t, (four) ? (pb)->w4 : (pb)->w), REC_CL_VALUE(four)
-#define REC_CL_NEAR(t)                                                               \
+#define REC_CL_NEAR(t)                                                                \
     REC_CL_BUFFER(&(t)->s->smooth[rec_cl_level_of(t)]), REC_CL_BUFFER(&(t)->a->near), \
         REC_CL_VALUE((t)->a->room)
 #define REC_CL_TO_PARTS(t) REC_CL_BUFFER(rec_cl_parts((t)->q))

@@ -121,9 +121,8 @@ static pvx_err solver_make(rec_cl_solver *s, size_t columns, struct rec_descent 
     if (descent != NULL)
         PVX_TRY(twin_descent(s, descent, columns, d));
     PVX_TRY(rec_cl_buffer_new(s->cl, cameras * sizeof(struct rec_cl_shot), &s->shot, d));
-    PVX_TRY(rec_cl_buffer_new(s->cl,
-                              cameras * REC_SELFCAL_TILES * REC_SELFCAL_SUMS * sizeof(double),
-                              &s->tiles, d));
+    PVX_TRY(rec_cl_buffer_new(
+        s->cl, cameras * REC_SELFCAL_TILES * REC_SELFCAL_SUMS * sizeof(double), &s->tiles, d));
     return solver_smooth(s, d);
 }
 

@@ -13,6 +13,12 @@ enum way { GREY, COLOUR, MOSAIC };
 
 static rec_cl *cl;
 
+/* On Oclgrind, some thousand times slower: a case does the smallest that goes every way. */
+static bool interpreted(void)
+{
+    return getenv("T_OPENCL") != NULL;
+}
+
 /* One carved set, here and on the device, and a problem of each. */
 struct bed {
     struct scene s;
@@ -40,8 +46,14 @@ static const struct vector {
     bool in_problem;
     size_t at;
 } vectors[] = {
-#define OF_PCG(name, of)     {#name, of, false, offsetof(struct rec_pcg, name)}
-#define OF_PROBLEM(name, of) {#name, of, true, offsetof(rec_problem, name)}
+#define OF_PCG(name, of)                                 \
+    {                                                    \
+#name, of, false, offsetof(struct rec_pcg, name) \
+    }
+#define OF_PROBLEM(name, of)                         \
+    {                                                \
+#name, of, true, offsetof(rec_problem, name) \
+    }
     OF_PCG(x, COLUMN),
     OF_PCG(next, COLUMN),
     OF_PCG(phi, COLUMN),
@@ -220,7 +232,7 @@ static void bed_new(struct bed *b, int32_t grid, enum way way)
     struct pvx_diag d = {""};
     struct rec_frame_params p = rec_frame_defaults;
     int nch = p.nch = way == GREY ? 1 : 3;
-    scene_new(&b->s, 6, cl_bed_slow() ? 19 : grid + 11, grid, 1, 2);
+    scene_new(&b->s, 6, interpreted() ? 19 : grid + 11, grid, 1, 2);
     T_EQ_I(rec_frame_alone(b->s.S, &b->s.rig, &p, b->s.pool, &b->f, NULL), PVX_OK);
     rec_frame *f = b->f;
     b->cs = (size_t)f->cs;
@@ -471,7 +483,8 @@ static void passes_with_products(struct bed *b)
     float *e = down(b, b->t[THERE].ar, b->n * b->cs);
     size_t wrong = 0, some = 0;
     for (size_t i = 0; i < b->n * b->cs; i++) {
-        float alpha = (float)t->alpha[i % b->cs], inverse = alpha > 0 ? (float)(1 / t->alpha[i % b->cs]) : 0;
+        float alpha = (float)t->alpha[i % b->cs],
+              inverse = alpha > 0 ? (float)(1 / t->alpha[i % b->cs]) : 0;
         float want = t->x[i] + alpha * t->d[i] < 0 ? -t->x[i] * inverse - t->d[i] : 0;
         wrong += e[i] != want;
         some += want != 0;
@@ -522,13 +535,14 @@ static void passes_with_products(struct bed *b)
 /* Voxels along a grid without coarser ones, if it is interpreted, else with them. */
 static int32_t small(void)
 {
-    return cl_bed_slow() ? 8 : 32;
+    return interpreted() ? 8 : 32;
 }
 #define EACH_WAY(way) for (enum way way = GREY; way <= MOSAIC; way++)
 
 T_CASE(passes_are_those_of_the_processor)
 {
-    EACH_WAY (way) {
+    EACH_WAY(way)
+    {
         struct bed b;
         bed_new(&b, small(), way);
         all_same(&b, "load", ~(BUT("b") | BUT("w") | BUT("w4")));
@@ -620,8 +634,7 @@ static void residuals(struct bed *b)
         float *to = &t[HERE].r[i], v = b->pb[HERE]->b[i];
         if (b->row[i / b->cs])
             sum[i % b->cs] += rec_put_residual(b->pb[HERE], i / b->cs, i % b->cs,
-                                               scale[i % b->cs] * (*to + v) - v, to,
-                                               &t[HERE].q[i]);
+                                               scale[i % b->cs] * (*to + v) - v, to, &t[HERE].q[i]);
     }
     rec_cl_ops.scale(pb, scale, t[THERE].x, t[THERE].r, t[THERE].q, rwr[THERE]);
     all_same(b, "scale", 0);
@@ -647,7 +660,8 @@ static void residuals(struct bed *b)
 
 T_CASE(loads_weights_and_residuals_are_those_of_the_processor)
 {
-    EACH_WAY (way) {
+    EACH_WAY(way)
+    {
         struct bed b;
         bed_new(&b, small(), way);
         loads(&b);
@@ -812,8 +826,7 @@ static float refined(const struct rec_grid *g, const int32_t *at, const float *x
     for (int m = 0; m < 3; m++) {
         int32_t to[3] = {ijk[0], ijk[1], ijk[2]};
         to[axis] += m - 1;
-        c[m] = axis == 0 ? coarse_value(g, at, x, cs, to)
-                         : refined(g, at, x, cs, to, up, axis - 1);
+        c[m] = axis == 0 ? coarse_value(g, at, x, cs, to) : refined(g, at, x, cs, to, up, axis - 1);
     }
     float d = 0.125f * (c[2] - c[0]);
     return up[axis] ? c[1] + d : c[1] - d;
@@ -885,7 +898,8 @@ static void takes_an_earlier_volume(struct bed *b)
 
 T_CASE(starts_are_those_of_the_processor)
 {
-    EACH_WAY (way) {
+    EACH_WAY(way)
+    {
         struct bed b;
         bed_new(&b, 33, way);
         refines(&b);
@@ -956,9 +970,10 @@ static void solves(struct bed *b, enum way way, enum rec_blend blend)
 
 T_CASE(whole_solves_are_those_of_the_processor)
 {
-    if (cl_bed_slow())
+    if (interpreted())
         T_SKIP("interpreted: the other cases have the same kernels");
-    EACH_WAY (way) {
+    EACH_WAY(way)
+    {
         struct bed b;
         bed_new(&b, 32, way);
         solves(&b, way, REC_BLEND_OFF);
