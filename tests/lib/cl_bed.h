@@ -5,6 +5,7 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/file.h"
 #include "recon/opencl/run.h"
@@ -30,6 +31,12 @@ static inline const char *cl_bed_name(void)
 {
     const char *name = getenv("T_OPENCL");
     return name != NULL ? name : "Portable";
+}
+
+/* Whether every read and write is checked, which is slow. */
+static inline bool cl_bed_is_simulated(void)
+{
+    return strcmp(cl_bed_name(), "Oclgrind") == 0;
 }
 
 /* Nothing in a test makes sense without it. */

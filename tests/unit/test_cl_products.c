@@ -1,9 +1,8 @@
 /* test_cl_products.c - products on a device against the processor's restricted system, entry by entry: rows, counts and
  * norms to the bit, products within the bound of their rounding. */
-#include "recon/matrix/active.h"
-#include "recon/matrix/footprint.h"
 #include "tests/lib/cl_part.h"
 #include "tests/lib/entries.h"
+#include "tests/lib/matrices.h"
 #include "tests/t.h"
 
 static rec_cl *cl;
@@ -286,7 +285,18 @@ static void same(rec_cl_queue *q, rec_cl_matrix *m, int level, int cs, double de
     bed_free(&b);
 }
 
-/* All levels; all columns, some, none; all cameras, some, none. */
+/* All columns, some, none; all cameras, some, none. */
+static void same_systems(rec_cl_queue *q, rec_cl_matrix *m, uint64_t all)
+{
+    for (int level = 0; level < m->levels; level++)
+        for (int cs = 1; cs <= 4; cs += 3) {
+            same(q, m, level, cs, 0.3, all);
+            same(q, m, level, cs, 0.02, t_rand() & all);
+        }
+    same(q, m, 0, 4, 1, all & ~(uint64_t)2);
+    same(q, m, 0, 1, 0, all);
+    same(q, m, 0, 1, 0.5, 0);
+}
 static void same_everywhere(const rec_sysmat *S)
 {
     struct pvx_diag d = {""};
@@ -297,39 +307,13 @@ static void same_everywhere(const rec_sysmat *S)
     T_EQ_S(d.text, "");
     if (m == NULL)
         exit(1);
-    for (int level = 0; level < m->levels; level++)
-        for (int cs = 1; cs <= 4; cs += 3) {
-            same(q, m, level, cs, 0.3, all);
-            same(q, m, level, cs, 0.02, t_rand() & all);
-        }
-    same(q, m, 0, 4, 1, all & ~(uint64_t)2);
-    same(q, m, 0, 1, 0, all);
-    same(q, m, 0, 1, 0.5, 0);
+    if (cl_bed_is_simulated()) /* it is slow */
+        same(q, m, m->levels - 1, m->levels > 1 ? 1 : 4, 0.3, all & ~(uint64_t)2);
+    else
+        same_systems(q, m, all);
     rec_cl_queue_free(&q);
     rec_cl_matrix_free(&m);
     T_OK(m == NULL);
-}
-
-/* A rig whose sides are nobody's multiples. */
-struct real {
-    struct rec_rig rig;
-    struct rec_sysmat_params p;
-    rec_sysmat *S;
-};
-static void real_rig(struct real *r, enum rec_basis basis, int32_t across, const int32_t n[3])
-{
-    *r = (struct real){.p = {1, 1}};
-    T_EQ_I(rec_rig_ring(5, 2, across, across * 3 / 4 + 1, n[0], &r->rig), PVX_OK);
-    r->rig.cameras[4].width = 62; /* and another size */
-    r->rig.cameras[4].height = 34;
-    r->rig.cameras[1].dist[0] = -0.2;
-    memcpy(r->rig.grid.n, n, sizeof r->rig.grid.n);
-    r->rig.grid.basis = basis;
-}
-static void real_free(struct real *r)
-{
-    rec_sysmat_free(&r->S);
-    rec_rig_fini(&r->rig);
 }
 
 /* How many levels, and windows beyond a voxel's first. */
@@ -348,18 +332,18 @@ static void whole(enum rec_basis basis, int32_t across, const int32_t n[3], int 
 }
 T_CASE(trilinear_with_coarser_levels)
 {
-    whole(REC_TRILINEAR, 71, (const int32_t[]){42, 18, 35}, 2, true);
+    whole(REC_TRILINEAR, 71, (const int32_t[]){34, 6, 9}, 2, true);
 }
 T_CASE(box)
 {
-    whole(REC_BOX, 45, (const int32_t[]){21, 33, 11}, 2, false);
+    whole(REC_BOX, 35, (const int32_t[]){5, 33, 10}, 2, false);
 }
 
 T_CASE(a_part_of_a_matrix)
 {
     struct real r;
     rec_sysmat *outline = NULL;
-    real_rig(&r, REC_TRILINEAR, 60, (const int32_t[]){42, 18, 35});
+    real_rig(&r, REC_TRILINEAR, 50, (const int32_t[]){14, 11, 33});
     T_EQ_I(rec_sysmat_outline(&r.rig, &r.p, pool, (struct rec_progress){0}, &outline, NULL),
            PVX_OK);
     for (size_t i = 0; i < outline->active->bricks; i++)
@@ -382,53 +366,11 @@ T_CASE(a_part_that_is_empty)
     real_free(&r);
 }
 
-/* Bins that somebody wrote: in each camera of a voxel mostly a patch of this size, sometimes bins anywhere, all of a
- * small picture, or none. */
-static void put_bins(rec_sysmat *m, struct rec_entries *e, size_t c, int32_t w, int32_t h)
-{
-    int32_t bw = m->block[c].bw, bh = m->block[c].bh, kind = (int32_t)(t_rand() % 64);
-    int32_t x0 = (int32_t)(t_rand() % (uint64_t)bw), y0 = (int32_t)(t_rand() % (uint64_t)bh);
-    double density = kind == 0 ? 30.0 / (bw * bh) : kind == 1 ? 0 : 0.95;
-    if (kind == 0 || (kind == 2 && bw * bh < 60)) {
-        x0 = y0 = 0;
-        w = bw;
-        h = bh;
-    }
-    for (int32_t y = y0; y < y0 + h && y < bh; y++)
-        for (int32_t x = x0; x < x0 + w && x < bw; x++)
-            if (t_uniform(0, 1) < density) {
-                e->row[e->nnz] = (uint32_t)m->row0[c] + (uint32_t)(y * bw + x);
-                e->val[e->nnz++] = (uint8_t)(1 + t_rand() % 255);
-            }
-}
 static void written(int32_t high, int32_t wide)
 {
-    static const int32_t size[][2] = {{64, 48}, {3, 50}, {61, 7}, {2, 2}, {1, 1}};
-    enum { CAMERAS = sizeof size / sizeof *size, N = 13 * 9 * 10 };
-    rec_sysmat *m;
-    struct rec_entries e = {.row = pvx_calloc(1 << 20, 4), .val = pvx_calloc(1 << 20, 1)};
-    e.colptr = pvx_calloc(N + 1, sizeof *e.colptr);
-    if (rec_sysmat_alloc(CAMERAS, &m) != PVX_OK)
-        exit(2);
-    m->grid = (struct rec_grid){.max = {1, 1, 1}, .n = {13, 9, 10}};
-    m->unit = rec_sysmat_unit(&m->grid);
-    for (size_t c = 0; c < CAMERAS; c++) {
-        struct rec_rect *fp = pvx_calloc(rec_brick_places(&m->grid), sizeof *fp);
-        rec_no_footprints(m, fp);
-        m->block[c] = (struct rec_sysmat_block){size[c][0], size[c][1], 0, fp};
-    }
-    T_EQ_I(rec_sysmat_number_rows(m, NULL), PVX_OK);
-    for (int32_t j = 0; j < N; j++) {
-        for (size_t c = 0; c < CAMERAS; c++)
-            put_bins(m, &e, c, wide, high);
-        e.colptr[j + 1] = (uint32_t)e.nnz;
-    }
-    m->nnz = e.nnz;
-    T_EQ_I(rec_sysmat_windows(m, &e, pool), PVX_OK);
-    T_EQ_I(m->win.high * 10 + m->win.wide, high * 10 + wide);
+    rec_sysmat *m = written_new(high, wide, pool);
     T_OK(m->win.n_more > 100);
     same_everywhere(m);
-    rec_entries_free(&e);
     rec_sysmat_free(&m);
 }
 T_CASE(windows_of_2x2)

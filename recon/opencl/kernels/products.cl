@@ -284,7 +284,7 @@ static inline ulong3 count_window(const struct columns *s, struct window v, ulon
     if (v.first == REC_CL_NOWHERE)
         return sum;
     for (int k = s->g->high * s->g->wide; k > 0; k -= 4, v.w += v.step) {
-        uint4 w = convert_uint4(*v.w), one = min(w, 1u), square = w * w;
+        uint4 w = convert_uint4(*v.w), one = min(w, (uint4)(1)), square = w * w;
         sum.x += one.x + one.y + one.z + one.w;
         sum.y += w.x + w.y + w.z + w.w;
         sum.z += square.x + square.y + square.z + square.w;
