@@ -329,7 +329,7 @@ static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
         PVX_TRY(dmn_draws_new(a, pipeline_done_again, p, &p->draws, d));
     for (size_t i = 0; i < (a->lossless ? DMN_N_SYSTEMS_LOSSLESS : 2 + waiting + again); i++) {
         void *gone;
-        PVX_TRY(rec_systems_new(p->carver, p->solver, &p->systems[i]));
+        PVX_TRY(rec_systems_new(p->carver, p->solver, &p->systems[i], d));
         pvx_queue_put(p->idle_systems, p->systems[i], &gone);
     }
     /* Reserve it even if no solve starts warm: a tuning may change that, and unused pages cost nothing. */

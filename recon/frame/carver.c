@@ -6,7 +6,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "recon/carve/absorb.h"
-#include "recon/frame/impl.h"
+#include "recon/frame/card.h"
 
 #define REC_DIM_SHARE   0.005F /* gives the floor 0.004 for pictures with a peak of 0.8 */
 #define REC_LEAST_FLOOR 0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
@@ -57,7 +57,10 @@ pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
         rec_carver_free(out);
         return pvx_fail(d, e, "carver: work areas for %zu rays: %s", rows, pvx_strerror(e));
     }
-    return PVX_OK;
+    e = rec_card_carver(k, d);
+    if (e != PVX_OK)
+        rec_carver_free(out);
+    return e;
 }
 
 void rec_carver_free(rec_carver **kp)
@@ -74,6 +77,7 @@ void rec_carver_free(rec_carver **kp)
     rec_vote_free(&k->vote);
     rec_hull_free(&k->hull);
     rec_restrictor_free(&k->restrictor);
+    rec_card_carver_fini(k);
     PVX_FREE(*kp);
 }
 
@@ -255,6 +259,22 @@ static void sum_up(rec_frame *f)
     }
 }
 
+/* Hull and restricted systems. */
+static void carve_here(rec_frame *f, const uint8_t *const *lit, struct rec_hull_kept *kept)
+{
+    rec_carver *k = f->carver;
+    int64_t t0 = pvx_now_mono();
+    rec_hull_carve(k->hull, &k->p.hull, lit, f->believed, k->pool, kept);
+    int64_t t1 = pvx_now_mono();
+    rec_subsys_restrict(f->sub, k->restrictor, f->col, kept->n, f->believed);
+    if (f->levels != NULL) {
+        struct rec_pictures in = rec_frame_pictures(f);
+        rec_levels_restrict(f->levels, k->restrictor, f->sub, &in);
+    }
+    f->report.hull_ns = t1 - t0;
+    f->report.restrict_ns = pvx_now_mono() - t1;
+}
+
 void rec_frame_carve(rec_frame *f)
 {
     rec_carver *k = f->carver;
@@ -275,13 +295,8 @@ void rec_frame_carve(rec_frame *f)
     int64_t t2 = pvx_now_mono();
     for (size_t c = 0; c < f->S->n_cameras; c++)
         lit[c] = rec_frame_lit(f, c);
-    rec_hull_carve(k->hull, &k->p.hull, lit, f->believed, k->pool, &kept);
-    int64_t t3 = pvx_now_mono();
-    rec_subsys_restrict(f->sub, k->restrictor, f->col, kept.n, f->believed);
-    if (f->levels != NULL) {
-        struct rec_pictures in = rec_frame_pictures(f);
-        rec_levels_restrict(f->levels, k->restrictor, f->sub, &in);
-    }
+    if (!rec_card_carve(f, lit, &kept))
+        carve_here(f, lit, &kept);
     r->absorption = k->p.absorption;
     r->hull = kept.counts;
     r->active_voxels = kept.n;
@@ -289,6 +304,4 @@ void rec_frame_carve(rec_frame *f)
     r->entries = f->sub->nnz;
     r->photo_ns = t1 - t0;
     r->vote_ns = t2 - t1;
-    r->hull_ns = t3 - t2;
-    r->restrict_ns = pvx_now_mono() - t3;
 }

@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/frame/impl.h"
+#include "recon/frame/card.h"
 
 const struct rec_frame_params rec_frame_defaults = {.nch = 3,
                                                     .photo = REC_PHOTO_DEFAULTS,
@@ -11,14 +11,20 @@ const struct rec_frame_params rec_frame_defaults = {.nch = 3,
                                                     .coarse_start = true,
                                                     .selfcal = REC_SELFCAL_ON};
 
-pvx_err rec_systems_new(const rec_carver *k, const rec_solver *s, rec_systems **out)
+pvx_err rec_systems_new(const rec_carver *k, const rec_solver *s, rec_systems **out,
+                        struct pvx_diag *d)
 {
     rec_systems *y = *out = pvx_calloc(1, sizeof *y);
-    PVX_NEED(y);
+    if (y == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "frame: out of memory");
     int cs = k->p.nch == 3 ? 4 : 1;
     pvx_err e = rec_subsys_new(k->S, &k->kernels, k->pool, cs, &y->sub);
     if (e == PVX_OK && s->coarse)
         e = rec_levels_new(k->S, &k->kernels, k->pool, cs, &y->levels);
+    if (e != PVX_OK)
+        pvx_fail(d, e, "frame: systems of %zu voxels: %s", rec_grid_count(&k->S->grid),
+                 pvx_strerror(e));
+    PVX_THEN(e, rec_card_systems(y, k, d));
     if (e != PVX_OK)
         rec_systems_free(out);
     return e;
@@ -30,6 +36,7 @@ void rec_systems_free(rec_systems **yp)
         return;
     rec_subsys_free(&(*yp)->sub);
     rec_levels_free(&(*yp)->levels);
+    rec_card_systems_fini(*yp);
     PVX_FREE(*yp);
 }
 
@@ -78,8 +85,10 @@ pvx_err rec_frame_new_bare(rec_carver *k, rec_solver *s, rec_frame **out, struct
     f->voxels = rec_grid_count(&f->S->grid);
     f->rows = f->S->row0[f->S->n_cameras];
     pvx_err e = frame_allocate(f);
-    if (e != PVX_OK) {
+    if (e != PVX_OK)
         pvx_fail(d, e, "frame: a slot for %zu voxels: %s", f->voxels, pvx_strerror(e));
+    PVX_THEN(e, rec_card_solver(s, k, d));
+    if (e != PVX_OK) {
         rec_frame_free(out);
         return e;
     }
@@ -91,9 +100,8 @@ pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_
 {
     PVX_TRY(rec_frame_new_bare(k, s, out, d));
     rec_frame *f = *out;
-    pvx_err e = rec_systems_new(k, s, &f->own);
+    pvx_err e = rec_systems_new(k, s, &f->own, d);
     if (e != PVX_OK) {
-        pvx_fail(d, e, "frame: systems of %zu voxels: %s", f->voxels, pvx_strerror(e));
         rec_frame_free(out);
         return e;
     }

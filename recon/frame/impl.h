@@ -10,6 +10,10 @@
 #include "recon/solve/temporal.h"
 #include "recon/vote/vote.h"
 
+struct rec_cl_matrix;
+struct rec_cl_solver;
+struct rec_cl_system;
+
 struct rec_carver {
     const rec_sysmat *S;
     struct rec_frame_params p;
@@ -26,6 +30,8 @@ struct rec_carver {
     struct rec_photo_params photo_params[REC_MAX_CAMERAS];
     float *plane; /* [rows][4] for mosaics */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
+    struct rec_cl_matrix *matrix; /* card.h, or NULL */
+    size_t columns;               /* room for them on the card */
 };
 
 struct rec_solver {
@@ -34,14 +40,19 @@ struct rec_solver {
     rec_problem *problem;
     struct rec_descent descent; /* with `coarse` */
     enum rec_selfcal_mode mode;
-    rec_selfcal *selfcal;   /* or NULL: off */
-    rec_average *average;   /* borrowed, or NULL: every set by itself */
-    rec_temporal *temporal; /* or NULL: off */
+    rec_selfcal *selfcal;              /* or NULL: off */
+    rec_average *average;              /* borrowed, or NULL: every set by itself */
+    rec_temporal *temporal;            /* or NULL: off */
+    struct rec_cl_matrix *matrix;      /* card.h, or NULL, */
+    struct rec_cl_solver *card;        /* as */
+    struct rec_restrictor *restrictor; /* these */
 };
 
 struct rec_systems {
     struct rec_subsys *sub;
-    rec_levels *levels; /* with solver->coarse */
+    rec_levels *levels;           /* with solver->coarse */
+    struct rec_cl_matrix *matrix; /* card.h, or NULL, */
+    struct rec_cl_system *card;   /* as this */
 };
 
 struct rec_kept {

@@ -19,9 +19,10 @@ void rec_solver_average(rec_solver *s, rec_average *a);
 
 /* What a slot needs only from its carving to the end of its solve: the restricted systems of all levels, two thirds of
  * its memory.  A slot of rec_frame_new_bare has none, and is lent some before it is carved.  It keeps its volume and
- * report when it gives them back.  They are for slots of this carver and solver.  Errors: PVX_ENOMEM. */
+ * report when it gives them back.  They are for slots of this carver and solver.  Errors: PVX_ENOMEM, PVX_ENODEV. */
 typedef struct rec_systems rec_systems;
-PVX_MUST_CHECK pvx_err rec_systems_new(const rec_carver *k, const rec_solver *s, rec_systems **out);
+PVX_MUST_CHECK pvx_err rec_systems_new(const rec_carver *k, const rec_solver *s, rec_systems **out,
+                                       struct pvx_diag *d);
 void rec_systems_free(rec_systems **y);
 PVX_MUST_CHECK pvx_err rec_frame_new_bare(rec_carver *k, rec_solver *s, rec_frame **out,
                                           struct pvx_diag *d);

@@ -4,7 +4,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "recon/frame/impl.h"
+#include "recon/frame/card.h"
 #include "recon/solve/start.h"
 
 bool rec_frame_corrects(const struct rec_frame_params *p)
@@ -43,6 +43,7 @@ void rec_solver_free(rec_solver **s)
 {
     if (*s == NULL)
         return;
+    rec_card_solver_fini(*s);
     rec_problem_free(&(*s)->problem);
     rec_descent_fini(&(*s)->descent);
     rec_selfcal_free(&(*s)->selfcal);
@@ -72,8 +73,9 @@ static void earlier_volume(rec_frame *f, const struct rec_sparse *from)
     }
 }
 
-/* Writes the start to f->x: with coarser grids their solution or the earlier volume, whichever fits better. */
-static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool any, bool warm)
+/* Writes the start to x: with coarser grids their solution or the earlier volume, whichever fits better. */
+static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool any, bool warm,
+                         float *x)
 {
     rec_solver *s = f->solver;
     struct rec_descent *d = &s->descent;
@@ -82,12 +84,12 @@ static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool an
         d->levels = f->levels;
         d->deadline_ns = p->deadline_ns;
         rec_problem_weigh(s->problem, p->lambda);
-        f->report.warm = rec_levels_start(s->problem, d, f->x, warm ? d->spare : NULL);
+        f->report.warm = rec_levels_start(s->problem, d, x, warm ? d->spare : NULL);
         f->report.coarse_iterations = d->iterations;
     } else if (warm) {
-        rec_start_earlier(s->problem, f->x);
+        rec_start_earlier(s->problem, x);
     } else {
-        rec_start_zero(s->problem, f->x);
+        rec_start_zero(s->problem, x);
     }
 }
 
@@ -128,30 +130,54 @@ static void solver_tell(rec_solver *s, const struct rec_solve_report *r,
         *out = of_all;
 }
 
+/* Problem, start and method.  x: [n][cs], the earlier volume where the solve starts from one. */
+static pvx_err solver_run(rec_frame *f, const struct rec_solve_params *p,
+                          const struct rec_sparse *previous, float *x)
+{
+    rec_solver *s = f->solver;
+    struct rec_pictures in = rec_frame_pictures(f);
+    bool expect = previous != NULL && s->temporal != NULL;
+    solver_correct(s);
+    bool any = rec_problem_load(s->problem, f->sub, &in);
+    solver_start(f, p, any, previous != NULL && !expect, x);
+    f->report.temporal = 0;
+    if (expect && any && (p->deadline_ns == 0 || pvx_now_mono() < p->deadline_ns)) {
+        const struct rec_flow_volume v = {previous->n, previous->index, previous->value, f->cs,
+                                          f->nch};
+        f->report.temporal = rec_temporal_expect(s->temporal, s->problem, &v, x);
+    }
+    return rec_solve(s->problem, p, x, &f->report.solve);
+}
+
+/* On the card.  false: the set is solved here, as if nothing had been done. */
+static bool solver_run_there(rec_frame *f, const struct rec_solve_params *p,
+                             const struct rec_sparse *previous)
+{
+    float *x = rec_card_begin(f, p, previous);
+    return x != NULL && rec_card_end(f, solver_run(f, p, previous, x));
+}
+
 pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_sparse *previous)
 {
     int64_t t0 = pvx_now_mono();
-    rec_problem *problem = f->solver->problem;
     struct rec_solve_params p = f->solver->p;
-    struct rec_pictures in = rec_frame_pictures(f);
+    pvx_err e = PVX_OK;
     if (deadline_ns != 0)
         p.deadline_ns = deadline_ns;
-    bool warm = previous != NULL && previous->n > 0;
-    if (warm && (previous->cs != f->cs || previous->value == f->x))
+    if (previous != NULL && previous->n == 0)
+        previous = NULL;
+    if (previous != NULL && (previous->cs != f->cs || previous->value == f->x))
         return PVX_EINVAL;
-    bool expect = warm && f->solver->temporal != NULL;
-    if (warm && !expect)
-        earlier_volume(f, previous);
-    solver_correct(f->solver);
-    bool any = rec_problem_load(problem, f->sub, &in);
-    solver_start(f, &p, any, warm && !expect);
-    f->report.temporal = 0;
-    if (expect && any && (p.deadline_ns == 0 || pvx_now_mono() < p.deadline_ns)) {
-        const struct rec_flow_volume v = {previous->n, previous->index, previous->value, f->cs,
-                                          f->nch};
-        f->report.temporal = rec_temporal_expect(f->solver->temporal, problem, &v, f->x);
+    bool there = f->sub->card != NULL && solver_run_there(f, &p, previous);
+    if (!there) {
+        if (f->sub->card != NULL) {
+            rec_card_leave(f);
+            p.deadline_ns += p.deadline_ns != 0 ? pvx_now_mono() - t0 : 0; /* as much time again */
+        }
+        if (previous != NULL && f->solver->temporal == NULL)
+            earlier_volume(f, previous);
+        e = solver_run(f, &p, previous, f->x);
     }
-    pvx_err e = rec_solve(problem, &p, f->x, &f->report.solve);
     solver_tell(f->solver, &f->report.solve, &f->report.selfcal);
     f->report.solve_ns = pvx_now_mono() - t0;
     return e;

@@ -426,7 +426,7 @@ T_CASE(systems_are_lent)
     struct rec_frame_params p = params();
     rec_frame *own[2] = {frame(&p), frame(&p)}, *bare[2];
     rec_systems *y;
-    T_EQ_I(rec_systems_new(own[0]->carver, own[0]->solver, &y), PVX_OK);
+    T_EQ_I(rec_systems_new(own[0]->carver, own[0]->solver, &y, NULL), PVX_OK);
     for (int i = 0; i < 2; i++) {
         uint64_t state = t_state;
         T_EQ_I(rec_frame_new_bare(own[0]->carver, own[0]->solver, &bare[i], NULL), PVX_OK);
