@@ -16,6 +16,7 @@ part vm make WERROR=1 test-vm
 part cluster make WERROR=1 test-cluster
 part deb make test-deb
 part stability make WERROR=1 stability
+part stability-card make WERROR=1 stability-card
 part power make WERROR=1 power
 part fuzz make fuzz
 part soak make WERROR=1 soak

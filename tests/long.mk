@@ -1,5 +1,5 @@
 # Figures, campaigns and what takes hours.
-.PHONY: bench fit paper stability soak ignitions power fuzz fuzz-keep fuzz-coverage
+.PHONY: bench fit paper stability stability-card soak ignitions power fuzz fuzz-keep fuzz-coverage
 
 bench: setup-test ## all figures (build/bench/, tests/bench/RESULTS.md); ONLY=REGEX: these;
 ## AGAINST=DIR: beside another built checkout, in turns
@@ -21,6 +21,11 @@ stability: setup-test ## every hard case: outcome, error against the truth, boun
 	@$(PARALLEL) $(B)/tests/stability/stability
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
+
+stability-card: setup-test ## the same of the default solver on an OpenCL device (CARD=NAME, default pocl's),
+## each case compared with the processors
+	@$(PARALLEL) $(B)/tests/stability/stability
+	@$(B)/tests/stability/stability --card $(or $(CARD),Portable)
 
 soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, what it costs;
 ## HOURS=n: under faults, slopes of memory and latency, picture (SEED=n BUSY=1 FASTER=n);

@@ -26,7 +26,7 @@ $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
 $(UNIT): $(B)/tests/lib/main.o
-STABILITY_PROGRAMS := $(B)/tests/stability/stability $(B)/tests/sim/test_stability
+STABILITY_PROGRAMS := $(B)/tests/stability/stability $(addprefix $(B)/tests/sim/test_,stability cl_stability)
 $(STABILITY_PROGRAMS): $(STABILITY)
 $(STABILITY_PROGRAMS) $(B)/tests/unit/test_resolution $(B)/tests/unit/test_perturb: LDLIBS += -llapacke
 # It also writes files.

@@ -156,6 +156,7 @@ void stab_bed_render(struct stab_bed *b, const struct rec_camera *cameras)
 void stab_bed_reset(struct stab_bed *b)
 {
     b->p = rec_frame_defaults;
+    b->p.card = b->run->card;
     b->rng = 1;
     b->residual = false;
     b->pose = b->pose0;
@@ -234,8 +235,12 @@ struct stab_result stab_solve(const struct stab_bed *b, rec_frame *f,
     struct stab_result r = {.finite = true};
     struct rec_sparse v;
     stab_fill(b, f);
-    rec_frame_carve(f);
-    CHECK(rec_frame_solve(f, 0, previous));
+    if (f->carver->matrix != NULL) {
+        r.finite = stab_solve_pair(b, f, previous);
+    } else {
+        rec_frame_carve(f);
+        CHECK(rec_frame_solve(f, 0, previous));
+    }
     rec_frame_volume(f, &v);
     r.report = *rec_frame_get_report(f);
     double e = 0, amount = 0, truth = 0;

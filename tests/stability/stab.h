@@ -27,6 +27,7 @@ struct stab_run {
     bool quick;
     const char *folder; /* for CSV files, or NULL */
     pvx_pool *pool;
+    struct rec_cl *card; /* solves too what it can, and is compared with the processors; or NULL */
 };
 
 #define STAB_FULL                                                                   \
@@ -126,6 +127,10 @@ struct stab_result stab_reconstruct(const struct stab_bed *b, const char *solver
 /* The row of a result, with a measured bound. */
 struct stab_row stab_row_of(const char *name, const struct stab_bed *b, const char *solver,
                             const struct stab_result *r);
+/* The same for a slot with a device, filled; false: it differs from the processors by more than rounding. */
+bool stab_solve_pair(const struct stab_bed *b, rec_frame *f, const struct rec_sparse *previous);
+/* How many such sets there were; prints by how much they differed. */
+size_t stab_pairs(void);
 /* Pixels into the slot only. */
 void stab_fill(const struct stab_bed *b, rec_frame *f);
 
