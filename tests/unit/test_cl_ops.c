@@ -13,7 +13,7 @@ enum way { GREY, COLOUR, MOSAIC };
 
 static rec_cl *cl;
 
-/* On Oclgrind, some thousand times slower: a case does the smallest that goes every way. */
+/* On Oclgrind, some thousand times slower: a case does the least that goes every way of a kernel. */
 static bool interpreted(void)
 {
     return getenv("T_OPENCL") != NULL;
@@ -355,11 +355,11 @@ static void sums_are_same(struct bed *b, const char *what, const struct sums *s,
     same_sums(b, what, b->n + b->room, s->of[HERE][slot], s->of[THERE][slot], size);
 }
 
-/* |A||u| in rows, or |A'||u|, as the processor has it: the largest relative error of a product is `terms` of it. */
-static void near_product(const struct bed *b, const char *what, const float *here,
-                         const float *there, const float *size, size_t floats, size_t terms,
-                         bool rows)
+/* size: |A||u| in rows, or |A'||u|, as the processor has it.  Each sum of so many terms rounds as often. */
+static void near_product(const struct bed *b, const char *what, bool rows, const float *here,
+                         const float *there, const float *size)
 {
+    size_t floats = (rows ? b->room : b->n) * b->cs, terms = rows ? b->n : 64 * b->s.rig.n_cameras;
     double worst = 0;
     size_t at = 0;
     for (size_t i = 0; i < floats; i++) {
@@ -467,7 +467,7 @@ static void passes_with_products(struct bed *b)
     all_same(b, "curvature", BUT("q"));
     float *size = forward_size(b, t->d);
     float *q = down(b, b->t[THERE].q, b->room * b->cs);
-    near_product(b, "A d", t->q, q, size, b->room * b->cs, b->n, true);
+    near_product(b, "A d", true, t->q, q, size);
     sums_are_same(b, "curvature: d'L V L d", &s, 1, NULL);
     double qwq[4] = {0};
     for (size_t i = 0; i < b->room * b->cs; i++) {
@@ -499,7 +499,7 @@ static void passes_with_products(struct bed *b)
         change[i] += q[i];
         size[i] += fabsf(q[i]);
     }
-    near_product(b, "A e", change, after, size, b->room * b->cs, b->n, true);
+    near_product(b, "A e", true, change, after, size);
     free(q);
     free(e);
     free(change);
@@ -518,7 +518,7 @@ static void passes_with_products(struct bed *b)
     s = run(b, REC_PASS_GRADIENT);
     float *ar = down(b, b->t[THERE].ar, b->n * b->cs);
     size = adjoint_size(b, t->q);
-    near_product(b, "A'W r", t->ar, ar, size, b->n * b->cs, 64 * b->s.rig.n_cameras, false);
+    near_product(b, "A'W r", false, t->ar, ar, size);
     free(size);
     free(ar);
     take(b, "ar");
@@ -537,12 +537,11 @@ static int32_t small(void)
 {
     return interpreted() ? 8 : 32;
 }
-#define EACH_WAY(way) for (enum way way = GREY; way <= MOSAIC; way++)
-
 T_CASE(passes_are_those_of_the_processor)
 {
-    EACH_WAY(way)
-    {
+    for (enum way way = GREY; way <= MOSAIC; way++) {
+        if (interpreted() && way == COLOUR)
+            continue;
         struct bed b;
         bed_new(&b, small(), way);
         all_same(&b, "load", ~(BUT("b") | BUT("w") | BUT("w4")));
@@ -599,7 +598,7 @@ static void residuals(struct bed *b)
     float *r = down(b, t[THERE].r, b->room * b->cs), *size = forward_size(b, t[HERE].x);
     for (size_t i = 0; i < b->room * b->cs; i++)
         size[i] += fabsf(b->pb[HERE]->b[i]);
-    near_product(b, "A x - b", t[HERE].r, r, size, b->room * b->cs, b->n, true);
+    near_product(b, "A x - b", true, t[HERE].r, r, size);
     free(r);
     free(size);
     take(b, "r");
@@ -660,8 +659,9 @@ static void residuals(struct bed *b)
 
 T_CASE(loads_weights_and_residuals_are_those_of_the_processor)
 {
-    EACH_WAY(way)
-    {
+    for (enum way way = GREY; way <= MOSAIC; way++) {
+        if (interpreted() && way == COLOUR)
+            continue;
         struct bed b;
         bed_new(&b, small(), way);
         loads(&b);
@@ -758,7 +758,7 @@ T_CASE(the_sum_of_channels_is_that_of_the_processor)
 
 T_CASE(corrections_of_cameras_are_those_of_the_processor)
 {
-    for (enum way way = GREY; way <= COLOUR; way++) {
+    for (enum way way = interpreted() ? COLOUR : GREY; way <= COLOUR; way++) {
         struct bed b;
         struct rec_selfcal_given given = {.gain = true, .shift = true};
         struct rec_selfcal *s[2];
@@ -898,8 +898,9 @@ static void takes_an_earlier_volume(struct bed *b)
 
 T_CASE(starts_are_those_of_the_processor)
 {
-    EACH_WAY(way)
-    {
+    for (enum way way = GREY; way <= MOSAIC; way++) {
+        if (interpreted() && way != MOSAIC)
+            continue;
         struct bed b;
         bed_new(&b, 33, way);
         refines(&b);
@@ -972,8 +973,7 @@ T_CASE(whole_solves_are_those_of_the_processor)
 {
     if (interpreted())
         T_SKIP("interpreted: the other cases have the same kernels");
-    EACH_WAY(way)
-    {
+    for (enum way way = GREY; way <= MOSAIC; way++) {
         struct bed b;
         bed_new(&b, 32, way);
         solves(&b, way, REC_BLEND_OFF);
