@@ -31,6 +31,7 @@ static struct {
     cl_int error;
     bool set;
 } fault = {.lock = PTHREAD_MUTEX_INITIALIZER};
+static _Atomic long objects; /* that were made and not released */
 static _Atomic int state =
     WORKS; /* BROKEN or HANGS once that has begun; FAILS: a call has failed */
 
@@ -73,6 +74,24 @@ bool pyrovox_cl_happened(long *calls)
     *calls = fault.calls;
     pthread_mutex_unlock(&fault.lock);
     return atomic_load(&state) != WORKS;
+}
+
+long pyrovox_cl_objects(void)
+{
+    return atomic_load(&objects);
+}
+
+static cl_int made(cl_int e)
+{
+    if (e == CL_SUCCESS)
+        atomic_fetch_add(&objects, 1);
+    return e;
+}
+static cl_int released(cl_int e)
+{
+    if (e == CL_SUCCESS)
+        atomic_fetch_sub(&objects, 1);
+    return e;
 }
 
 __attribute__((destructor)) static void fault_end(void)
@@ -143,19 +162,21 @@ static int never;
         cl_int fault_ = fault_call(#f);                      \
         return fault_ != CL_SUCCESS ? fault_ : REAL(f) args; \
     }
-/* Calls that may wait for the device. */
-#define WAITS(f, params, args)                               \
-    CL_API_ENTRY cl_int CL_API_CALL f params                 \
-    {                                                        \
-        cl_int fault_ = fault_call(#f);                      \
-        fault_wait();                                        \
-        return fault_ != CL_SUCCESS ? fault_ : REAL(f) args; \
+/* Calls that give an object back.  They may wait for the device. */
+#define RELEASES(f, params, args)                                      \
+    CL_API_ENTRY cl_int CL_API_CALL f params                           \
+    {                                                                  \
+        cl_int fault_ = fault_call(#f);                                \
+        fault_wait();                                                  \
+        return fault_ != CL_SUCCESS ? fault_ : released(REAL(f) args); \
     }
 /* Calls that give an object; the last argument is `error`. */
 #define MAKES(type, f, params, args)       \
     CL_API_ENTRY type CL_API_CALL f params \
     {                                      \
         cl_int fault_ = fault_call(#f);    \
+        if (fault_ == CL_SUCCESS)          \
+            (void)made(CL_SUCCESS);        \
         if (fault_ == CL_SUCCESS)          \
             return REAL(f) args;           \
         if (error != NULL)                 \
@@ -170,7 +191,7 @@ static int never;
         if (fault_ != CL_SUCCESS)            \
             return fault_;                   \
         if (!hangs())                        \
-            return REAL(f) args;             \
+            return made(REAL(f) args);       \
         if (event != NULL)                   \
             *event = NEVER;                  \
         return CL_SUCCESS;                   \
@@ -190,11 +211,11 @@ MAKES(cl_context, clCreateContext,
        void(CL_CALLBACK *call)(const char *, const void *, size_t, void *), void *data,
        cl_int *error),
       (p, n, d, call, data, error))
-WAITS(clReleaseContext, (cl_context c), (c))
+RELEASES(clReleaseContext, (cl_context c), (c))
 MAKES(cl_command_queue, clCreateCommandQueue,
       (cl_context c, cl_device_id d, cl_command_queue_properties p, cl_int *error),
       (c, d, p, error))
-WAITS(clReleaseCommandQueue, (cl_command_queue q), (q))
+RELEASES(clReleaseCommandQueue, (cl_command_queue q), (q))
 MAKES(cl_program, clCreateProgramWithSource,
       (cl_context c, cl_uint n, const char **text, const size_t *bytes, cl_int *error),
       (c, n, text, bytes, error))
@@ -211,14 +232,14 @@ PLAIN(clGetProgramInfo, (cl_program p, cl_program_info i, size_t n, void *out, s
 PLAIN(clGetProgramBuildInfo,
       (cl_program p, cl_device_id d, cl_program_build_info i, size_t n, void *out, size_t *all),
       (p, d, i, n, out, all))
-WAITS(clReleaseProgram, (cl_program p), (p))
+RELEASES(clReleaseProgram, (cl_program p), (p))
 MAKES(cl_kernel, clCreateKernel, (cl_program p, const char *name, cl_int *error), (p, name, error))
 PLAIN(clSetKernelArg, (cl_kernel k, cl_uint i, size_t n, const void *value), (k, i, n, value))
-WAITS(clReleaseKernel, (cl_kernel k), (k))
+RELEASES(clReleaseKernel, (cl_kernel k), (k))
 MAKES(cl_mem, clCreateBuffer,
       (cl_context c, cl_mem_flags flags, size_t n, void *host, cl_int *error),
       (c, flags, n, host, error))
-WAITS(clReleaseMemObject, (cl_mem m), (m))
+RELEASES(clReleaseMemObject, (cl_mem m), (m))
 ENQUEUES(clEnqueueUnmapMemObject, (cl_command_queue q, cl_mem m, void *p, WAIT_LIST),
          (q, m, p, n, list, event))
 ENQUEUES(clEnqueueFillBuffer,
@@ -250,6 +271,8 @@ CL_API_ENTRY void *CL_API_CALL clEnqueueMapBuffer(cl_command_queue q, cl_mem m, 
 {
     cl_int e = fault_call("clEnqueueMapBuffer");
     if (e == CL_SUCCESS)
+        (void)made(e);
+    if (e == CL_SUCCESS)
         return REAL(clEnqueueMapBuffer)(q, m, wait, flags, at, bytes, n, list, event, error);
     *error = e;
     return NULL;
@@ -274,6 +297,6 @@ CL_API_ENTRY cl_int CL_API_CALL clGetEventInfo(cl_event event, cl_event_info i, 
 CL_API_ENTRY cl_int CL_API_CALL clReleaseEvent(cl_event event)
 {
     cl_int e = fault_call("clReleaseEvent");
-    return e != CL_SUCCESS || event == NEVER ? e : REAL(clReleaseEvent)(event);
+    return e != CL_SUCCESS || event == NEVER ? e : released(REAL(clReleaseEvent)(event));
 }
 /* NOLINTEND(readability-function-size,bugprone-macro-parentheses) */

@@ -7,5 +7,7 @@
 void pyrovox_cl_fault(const char *text);
 /* Whether it has happened; *calls: of FUNCTION so far. */
 bool pyrovox_cl_happened(long *calls);
+/* OpenCL's objects that were made and not released. */
+long pyrovox_cl_objects(void);
 
 #endif

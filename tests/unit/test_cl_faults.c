@@ -101,6 +101,7 @@ static int sweep(const char *what, const char *of)
 T_CASE(without_a_fault)
 {
     T_OK(!session("clFlush:1000000:error"));
+    T_EQ_I(cl_fault_objects(), 0);
 }
 T_CASE(any_function_may_fail)
 {
