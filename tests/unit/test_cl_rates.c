@@ -25,4 +25,4 @@ T_CASE(every_device_has_rates)
     T_OK(d.text[0] != '\0' && r.copy == 0);
 }
 
-T_MAIN(cl_bed_begin(), scratch_remove())
+T_MAIN(cl_bed_begin(), (void)0)

@@ -1,0 +1,34 @@
+#!/bin/bash
+# offline: The kernels' tests on Oclgrind, which interprets them: no access out of bounds, no data race, no wrong call.
+name=117
+. "$(dirname "$0")/lib.sh"
+simulator=/usr/lib/oclgrind/liboclgrind-rt-icd.so
+[ -e $simulator ] || { echo "FAIL $name: $simulator is not there: apt install oclgrind"; exit 1; }
+export OCL_ICD_VENDORS=$simulator T_OPENCL=Oclgrind OCLGRIND_DATA_RACES=1 OCLGRIND_CHECK_API=1 OCLGRIND_LOG=$dir/reports
+export OCLGRIND_GLOBAL_MEM_SIZE=2147483648
+
+faulty() { # a kernel with one fault of each kind: both are seen
+    cat > "$dir/faulty.cl" << 'C'
+kernel void faulty(global int *a) { a[get_global_id(0) / 2] = get_global_id(0); a[1000 + get_global_id(0)] = 1; }
+C
+    printf '%s\n' faulty.cl faulty '4 1 1' '4 1 1' '<size=16 fill=0>' > "$dir/faulty.sim"
+    (cd "$dir" && env -u OCLGRIND_LOG oclgrind-kernel --data-races --log seen faulty.sim) > "$dir/said" 2>&1
+    grep -q 'Invalid write' "$dir/seen" && grep -q 'data race' "$dir/seen" || { cat "$dir/said"; return 1; }
+}
+check a_fault_would_be_seen faulty
+
+clean() { # program
+    : > "$dir/reports"
+    "$1" > "$dir/said" 2>&1 && grep -q '^PASS' "$dir/said" && [ ! -s "$dir/reports" ] ||
+        { tail -n 40 "$dir/said"; head -n 40 "$dir/reports"; return 1; }
+}
+programs=0
+for program in "$b"/tests/unit/test_cl_*; do
+    [[ -x $program && $program != *.* ]] || continue
+    case ${program##*/} in
+    test_cl_faults | test_cl_cache | test_cl_rates) ;; # these are about the host
+    *) check "${program##*/}" clean "$program"; programs=$((programs + 1)) ;;
+    esac
+done
+check there_are_some [ $programs -ge 2 ]
+exit $rc
