@@ -4,6 +4,7 @@
  *
  * tests/lib/main.c runs them; T_MAIN(begin, end) where something is set up before and cleared away after them.
  * One line per case: "PASS test_x:case" / "FAIL ..." / "SKIP ... (reason)"; exit 1 when any failed.
+ * T_ONLY=a,b runs only these cases.
  * Random data comes from t_rand(), seeded by T_SEED (printed on failure). */
 #ifndef T_H
 #define T_H
@@ -178,6 +179,19 @@ __attribute__((unused)) static void t_note_time(const char *base, const char *na
     fclose(file);
 }
 
+/* $T_ONLY names the cases that are run, "a,b"; NULL: all. */
+__attribute__((unused)) static bool t_is_wanted(const char *name)
+{
+    const char *only = getenv("T_ONLY");
+    size_t n = strlen(name);
+    if (only == NULL)
+        return true;
+    for (const char *at = only; (at = strstr(at, name)) != NULL; at += n)
+        if ((at == only || at[-1] == ',') && (at[n] == ',' || at[n] == '\0'))
+            return true;
+    return false;
+}
+
 /* All cases, in the order in which they are written. */
 int t_run(void);
 int t_run(void)
@@ -185,6 +199,8 @@ int t_run(void)
     const char *slash = strrchr(__BASE_FILE__, '/'),
                *base = slash != NULL ? slash + 1 : __BASE_FILE__;
     for (const struct t_case *c = t_first; c != NULL; c = c->next) {
+        if (!t_is_wanted(c->name))
+            continue;
         t_case_fails = 0;
         t_skip_reason = t_skip_all;
         if (T_TSAN && t_threads && !c->threads)
