@@ -19,11 +19,9 @@ struct rec_cl_solver {
     rec_cl *cl;
     rec_cl_queue *queue;
     int cs;
-    size_t columns;       /* room on the finest level */
     rec_cl_system *y;     /* rec_cl_solver_begin */
-    rec_problem *problem; /* of the finest level; those of coarser ones, or NULL */
-    rec_problem *coarser;
-    float *x; /* the name of x, in reserved address space */
+    rec_problem *problem; /* of the finest level */
+    float *x;             /* the name of x, in reserved address space */
     size_t bytes;
     struct rec_cl_twin twin[REC_CL_TWINS];
     size_t twins;

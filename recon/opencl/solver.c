@@ -134,17 +134,12 @@ pvx_err rec_cl_solver_new(rec_cl_matrix *m, int cs, size_t columns, rec_problem 
     s->m = rec_cl_matrix_share(m);
     s->cl = m->cl;
     s->cs = cs;
-    s->columns = columns;
     s->problem = fine;
-    s->coarser = d != NULL ? d->problem : NULL;
     pvx_err e = solver_make(s, columns, d, d_);
     if (e != PVX_OK) {
         rec_cl_solver_free(out);
         return e;
     }
-    fine->card = s;
-    if (d != NULL)
-        d->problem->card = s;
     return PVX_OK;
 }
 
@@ -153,9 +148,6 @@ void rec_cl_solver_free(rec_cl_solver **sp)
     rec_cl_solver *s = *sp;
     if (s == NULL)
         return;
-    s->problem->card = NULL;
-    if (s->coarser != NULL)
-        s->coarser->card = NULL;
     for (size_t i = 0; i < s->owned; i++)
         rec_cl_buffer_free(s->cl, &s->own[i]);
     for (int i = 0; i < REC_CL_LEVELS; i++)

@@ -10,7 +10,7 @@ typedef struct rec_cl_solver rec_cl_solver;
 extern const struct rec_card_ops rec_cl_ops;
 
 /* Twins of all vectors of `fine`, and of the descent's where there is one, with room for `columns` columns on the
- * finest level.  Sets fine->card and d->problem->card.  Errors: PVX_ENOMEM. */
+ * finest level.  Borrows `fine`.  Errors: PVX_ENOMEM, PVX_ENODEV. */
 PVX_MUST_CHECK pvx_err rec_cl_solver_new(rec_cl_matrix *m, int cs, size_t columns,
                                          rec_problem *fine, struct rec_descent *d,
                                          rec_cl_solver **out, struct pvx_diag *d_);

@@ -8,8 +8,6 @@
 #include "recon/solve/smooth.h"
 #include "recon/solve/solve.h"
 
-struct rec_cl_solver;
-
 #define N_XVEC           8
 #define REC_XV_LHAT      6 /* the default method leaves a L xhat of (1b) there */
 #define N_YVEC           3
@@ -48,7 +46,6 @@ struct rec_problem {
     int nch, cs;
     size_t n_max, room; /* voxels of the grid; bins of a vector over rows */
 
-    struct rec_cl_solver *card;  /* or NULL: recon/opencl has twins of the work areas */
     struct rec_selfcal *selfcal; /* or NULL: pictures are taken as they are */
     struct rec_one *one;         /* room for blend.h; NULL with one channel */
 

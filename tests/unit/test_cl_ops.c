@@ -19,6 +19,12 @@ static bool interpreted(void)
     return getenv("T_OPENCL") != NULL;
 }
 
+/* Voxels along a grid without coarser ones, if it is interpreted, else with them. */
+static int32_t small(void)
+{
+    return interpreted() ? 8 : 32;
+}
+
 /* One carved set, here and on the device, and a problem of each. */
 struct bed {
     struct scene s;
@@ -232,7 +238,8 @@ static void bed_new(struct bed *b, int32_t grid, enum way way)
     struct pvx_diag d = {""};
     struct rec_frame_params p = rec_frame_defaults;
     int nch = p.nch = way == GREY ? 1 : 3;
-    scene_new(&b->s, 6, interpreted() ? 19 : grid + 11, grid, 1, 2);
+    scene_new(&b->s, interpreted() && grid > small() ? 3 : 6, interpreted() ? 19 : grid + 11, grid,
+              1, 2);
     T_EQ_I(rec_frame_alone(b->s.S, &b->s.rig, &p, b->s.pool, &b->f, NULL), PVX_OK);
     rec_frame *f = b->f;
     b->cs = (size_t)f->cs;
@@ -532,11 +539,6 @@ static void passes_with_products(struct bed *b)
     same_sums(b, "gradient: cross", b->n, sums[1], s.of[THERE][1], cross);
 }
 
-/* Voxels along a grid without coarser ones, if it is interpreted, else with them. */
-static int32_t small(void)
-{
-    return interpreted() ? 8 : 32;
-}
 T_CASE(passes_are_those_of_the_processor)
 {
     for (enum way way = GREY; way <= MOSAIC; way++) {
