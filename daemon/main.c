@@ -194,6 +194,7 @@ static pvx_err control_apply(void *ctx, const struct dmn_config *c, struct pvx_d
     dmn_live *p = atomic_load(&dm->pipeline);
     if (p == NULL && c->log_level == dm->cfg.log_level)
         return pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+    PVX_TRY(dmn_config_compute(c, d));
     pvx_log_set_level((enum pvx_log_level)c->log_level);
     if (p != NULL)
         dmn_live_tune(p, c);

@@ -12,6 +12,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/yaml.h"
+#include "daemon/config/compute.h"
 #include "recon/geom/blind.h"
 
 #define MAX_BYTES (1u << 20)
@@ -50,6 +51,20 @@ static pvx_err set_choice(const pvx_yaml *y, int node, const struct dmn_option *
             }
     return pvx_yaml_fail(y, node, o->key, PVX_EINVAL, d, "'%.40s' is not one of %s",
                          pvx_yaml_text(y, node), o->choices);
+}
+
+static pvx_err set_where(const pvx_yaml *y, int node, const struct dmn_option *o, char *out,
+                         struct pvx_diag *d)
+{
+    char word[DMN_WORD_MAX];
+    enum dmn_compute_where where;
+    const char *name;
+    PVX_TRY(set_word(y, node, o->key, word, sizeof word, d));
+    if (!dmn_compute_parse(word, &where, &name))
+        return pvx_yaml_fail(y, node, o->key, PVX_EINVAL, d, "'%.40s' is not one of %s", word,
+                             DMN_COMPUTE_WORDS);
+    memcpy(out, word, strlen(word) + 1);
+    return PVX_OK;
 }
 
 static pvx_err config_set_format(const pvx_yaml *y, int node, const struct dmn_option *o, int *out,
@@ -145,6 +160,7 @@ static pvx_err config_set(const pvx_yaml *y, int node, const struct dmn_option *
     case DMN_INT: return pvx_yaml_int(y, node, o->key, (int64_t)o->min, (int64_t)o->max, m, d);
     case DMN_REAL: return pvx_yaml_double(y, node, o->key, o->min, o->max, m, d);
     case DMN_TEXT: return set_word(y, node, o->key, m, o->size, d);
+    case DMN_WHERE: return set_where(y, node, o, m, d);
     case DMN_CHOICE: return set_choice(y, node, o, m, d);
     case DMN_FORMAT: return config_set_format(y, node, o, m, d);
     case DMN_INTS: return set_ints(y, node, o, m, d);
@@ -316,6 +332,7 @@ static void print_value(FILE *f, const struct dmn_option *o, const void *m, cons
     case DMN_INT: fprintf(f, "%lld", (long long)*(const int64_t *)m); break;
     case DMN_REAL: print_real(f, *(const double *)m); break;
     case DMN_TEXT: config_print_word(f, m); break;
+    case DMN_WHERE: strchr(m, ':') != NULL ? config_print_word(f, m) : (void)fputs(m, f); break;
     case DMN_CHOICE:
         dmn_choice_word(o->choices, *(const int *)m, word, sizeof word);
         fputs(word, f);
@@ -618,6 +635,20 @@ pvx_err dmn_config_bars(const struct dmn_config *c, struct pvx_diag *d)
                     "%s: model.error_bars: solver.name: %s cannot make them; say %s, or "
                     "error_bars: false",
                     c->name, solvers[c->solver], solvers[0]);
+}
+
+const char *dmn_config_card_why_not(const struct dmn_config *c)
+{
+    struct rec_frame_params p;
+    dmn_config_frame(c, &p);
+    return c->error_bars ? "error bars" : rec_frame_card_why_not(&p);
+}
+
+pvx_err dmn_config_compute(const struct dmn_config *c, struct pvx_diag *d)
+{
+    char what[PATH_MAX + 16];
+    snprintf(what, sizeof what, "%s: compute", c->name);
+    return dmn_compute_allowed(what, c->compute, dmn_config_card_why_not(c), d);
 }
 
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)

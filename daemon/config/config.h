@@ -30,6 +30,7 @@ struct dmn_config {
     int basis;    /* 0 as the rig says, 1 box, 2 trilinear */
     int channels; /* 0 auto, 1 one, 2 three */
     int64_t threads;
+    char compute[DMN_WORD_MAX]; /* compute.h */
     int log_level;
 
     double fps;
@@ -149,6 +150,10 @@ PVX_MUST_CHECK pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mo
                                          struct pvx_diag *d);
 /* PVX_EINVAL: error bars are asked for, but cannot be made with the solver. */
 PVX_MUST_CHECK pvx_err dmn_config_bars(const struct dmn_config *c, struct pvx_diag *d);
+/* What c asks for that only the processors can do, in a few words; NULL: nothing. */
+const char *dmn_config_card_why_not(const struct dmn_config *c);
+/* PVX_EINVAL: `compute` asks for a device that cannot do what other keys ask for. */
+PVX_MUST_CHECK pvx_err dmn_config_compute(const struct dmn_config *c, struct pvx_diag *d);
 /* The parameters of recon for each frame set. */
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
 /* Solver's time limit after the arrival of the set's last frame (lossless: after it began), ns; 0 = none. */

@@ -53,6 +53,12 @@ const struct dmn_option dmn_options[] = {
            "every camera, for comparison."),
     INT("threads", threads, "0", 0, 256, "threads",
         "Threads that share the computing of a stage. 0: one per processor."),
+    {"compute", DMN_WHERE, AT(compute), "cpu", 0, 0, "", NULL,
+     "Where frame sets are solved. cpu: on the processors. auto: on a graphics card (OpenCL) if a "
+     "short measurement at the start shows that it is faster. opencl: on the first graphics card. "
+     "opencl:NAME: on the first device whose name contains NAME, which may also be a processor "
+     "(pocl). `pyrovox cpu` lists them. If a device fails, its sets are solved on the processors. "
+     "Error bars, model.temporal and at-least are made on the processors only."},
     BOOL("insecure", insecure, "false",
          "Allow volumes on addresses that other hosts reach, and control by more than a file. "
          "Everybody there may read, and stop the daemon by control.endpoint. Log, status and "

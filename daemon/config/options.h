@@ -14,6 +14,7 @@ enum dmn_type {
     DMN_INT,     /* int64_t in [min,max] */
     DMN_REAL,    /* double in [min,max] */
     DMN_TEXT,    /* char[size] */
+    DMN_WHERE,   /* char[size]: words of compute.h */
     DMN_CHOICE,  /* int: index into `choices` */
     DMN_FORMAT,  /* int: enum cap_pixfmt, 0 = auto */
     DMN_INTS,    /* struct dmn_ints, each in [min,max] */

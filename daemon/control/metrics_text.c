@@ -85,6 +85,16 @@ static void draws(FILE *f, const struct dmn_draws_state *b)
           !b->none && (b->doubt & PVP_DOUBT_LATE) != 0);
 }
 
+static void control_compute(FILE *f, const struct dmn_compute_state *c)
+{
+    if (c->device[0] == '\0')
+        return;
+    counter(f, "compute_sets_total", "sets that were solved on the graphics card", c->there);
+    counter(f, "compute_fell_back_total",
+            "sets that were solved on the processors, because the graphics card could not",
+            c->here);
+}
+
 static void camera_count(FILE *f, const struct dmn_state *s, const struct dmn_count_def *def,
                          const uint64_t *first, size_t stride)
 {
@@ -223,6 +233,7 @@ char *dmn_metrics_text(const struct dmn_state *s)
     counter(f, "sets_published_total", "volumes that went out", s->published);
     drops(f, s);
     draws(f, &s->draws);
+    control_compute(f, &s->compute);
     gauge(f, "sets_inside", "frame sets under way", (double)s->inside);
     gauge(f, "sets_per_second", "published, over the last second or two", s->sets_per_s);
     latency(f, s);

@@ -47,6 +47,9 @@ void dmn_state_sentence(const struct dmn_state *s, char *out, size_t size)
     if (s->record.state == CAP_REC_RUNNING)
         sentence_add(&l, ", recording");
     add_cameras(&l, s);
+    if (s->compute.here > 0)
+        sentence_add(&l, "; sets are solved without %.60s: %.100s", s->compute.device,
+                     s->compute.why);
     if (s->record.state == CAP_REC_FAILED)
         sentence_add(&l, "; recording ended: %.200s", s->record.error);
     if (s->volumes.failed)

@@ -93,6 +93,16 @@ static void json_draws(struct dmn_json *j, const struct dmn_draws_state *b)
     dmn_json_close(j, '}');
 }
 
+static void json_compute(struct dmn_json *j, const struct dmn_compute_state *c)
+{
+    dmn_json_open(j, "compute", '{');
+    dmn_json_str(j, "device", c->device);
+    dmn_json_int(j, "sets", (long long)c->there);
+    dmn_json_int(j, "fell_back", (long long)c->here);
+    dmn_json_str(j, "why", c->why);
+    dmn_json_close(j, '}');
+}
+
 static void json_report(struct dmn_json *j, const struct dmn_state *s)
 {
     const struct rec_frame_report *r = &s->report;
@@ -337,6 +347,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_close(&j, '}');
     json_report(&j, s);
     json_draws(&j, &s->draws);
+    json_compute(&j, &s->compute);
     dmn_json_open(&j, "matrix", '{');
     dmn_json_open(&j, "voxels", '[');
     for (int a = 0; a < 3; a++)

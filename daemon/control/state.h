@@ -75,6 +75,13 @@ struct dmn_draws_state {
     double mean_ms;
 };
 
+/* Where sets are solved (daemon/pipeline/compute.h). */
+struct dmn_compute_state {
+    char device[128];     /* a graphics card; "": the processors */
+    uint64_t there, here; /* sets solved on it; on the processors, since it could not */
+    char why[128];        /* of the last of these; "" = none */
+};
+
 #define DMN_N_STAGES 3 /* carve, solve, publish */
 struct dmn_stage_state {
     char name[16];
@@ -143,6 +150,7 @@ struct dmn_state {
     struct dmn_beside_state volumes;
     struct dmn_stage_state stage[DMN_N_STAGES];
     struct dmn_draws_state draws;
+    struct dmn_compute_state compute;
     uint64_t previews_made, previews_subscribers;
     struct dmn_temperature_counts {
         bool on;

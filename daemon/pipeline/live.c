@@ -13,6 +13,7 @@
 #include "daemon/config/endpoints.h"
 #include "daemon/pipeline/beside.h"
 #include "daemon/pipeline/cameras_in.h"
+#include "daemon/pipeline/compute.h"
 #include "daemon/pipeline/instant.h"
 #include "daemon/pipeline/previews.h"
 #include "daemon/pipeline/publish.h"
@@ -49,6 +50,7 @@ struct dmn_live {
     rec_average *average;         /* NULL: the cameras are taken as they are */
     dmn_previews *previews;       /* NULL = none */
     dmn_temperature *temperature; /* NULL = none */
+    struct dmn_compute compute;
     dmn_pipeline *pipeline;
     atomic_bool stopping;
     int64_t t_start_ns;
@@ -83,6 +85,25 @@ static void live_look(void *ctx, const struct cap_frame *f)
     dmn_triggers_frame(l->triggers, l->rig.cameras[f->camera].name, f);
 }
 
+static pvx_err find_device(dmn_live *l, struct pvx_diag *d)
+{
+    char what[PATH_MAX + 16];
+    snprintf(what, sizeof what, "%s: compute", l->cfg.name);
+    const struct dmn_compute_want want = {
+        .word = l->cfg.compute, .what = what, .refused = dmn_config_card_why_not(&l->cfg)};
+    return dmn_compute_open(&want, &l->compute, d);
+}
+
+/* Measures, where that decides.  Says what was chosen. */
+static pvx_err choose_device(dmn_live *l, struct rec_frame_params *p, struct pvx_diag *d)
+{
+    const struct dmn_compute_job job = {.S = l->S, .rig = &l->rig, .pool = l->pool};
+    PVX_TRY(dmn_compute_choose(&l->compute, &job, p, d));
+    if (l->compute.said[0] != '\0')
+        LOG_I(RECON, "%s", l->compute.said);
+    return PVX_OK;
+}
+
 /* Check all that can be wrong in configuration and rig, before anything that takes long. */
 static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
 {
@@ -90,6 +111,7 @@ static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
     enum cap_mosaic mosaic;
     PVX_TRY(dmn_config_mosaic(c, &mosaic, d));
     PVX_TRY(dmn_config_bars(c, d));
+    PVX_TRY(find_device(l, d));
     char path[PATH_MAX];
     PVX_TRY(dmn_config_rig(c, &l->rig, d));
     dmn_config_path(c, c->rig, path, sizeof path);
@@ -230,6 +252,7 @@ static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
         .config = c, .auth = l->auth, .start = &l->out.start, .rig_text = l->rig_text};
     PVX_TRY(dmn_temperature_open(l->temperature, &tp, d));
     dmn_config_frame(c, &pp.frame);
+    PVX_TRY(choose_device(l, &pp.frame, d));
     if (pp.frame.selfcal != REC_SELFCAL_OFF)
         PVX_TRY(rec_average_new(l->rig.n_cameras, l->S->binning, REC_AVERAGE_BLOCK,
                                 REC_AVERAGE_BLOCKS, &l->average));
@@ -330,6 +353,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_photometry_free(&l->light);
     dmn_background_free(&l->background);
     dmn_instant_free(&l->instant);
+    dmn_compute_close(&l->compute);
     rec_sysmat_free(&l->S);
     dmn_scene_free(&l->scene);
     pvx_pool_free(&l->pool);
@@ -354,6 +378,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     out->session = l->out.start.session;
     dmn_pipeline_counts(l->pipeline, out);
     dmn_pipeline_draws(l->pipeline, &out->draws);
+    dmn_pipeline_compute(l->pipeline, &out->compute);
     dmn_publish_state(&l->out, out);
     cap_capture_stats(l->capture, &out->capture);
     dmn_recording_stats(l->recording, &out->record);

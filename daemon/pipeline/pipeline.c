@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/queue.h"
+#include "daemon/pipeline/compute.h"
 #include "daemon/pipeline/draws.h"
 #include "daemon/pipeline/stage.h"
 #include "recon/frame/inside.h"
@@ -41,6 +42,7 @@ struct dmn_pipeline {
     atomic_uint tunings;           /* how many came */
     unsigned carve_has, solve_has; /* the one that each stage has taken; the stage's own */
 
+    struct dmn_compute_count compute;
     atomic_uint_fast64_t produced, out, dropped[DMN_N_DROP];
 };
 
@@ -223,6 +225,7 @@ static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
         return;
     }
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
+    dmn_compute_note(&p->compute, p->a.frame.card, s->set, r);
     dmn_deadline_learn(&p->a.deadline, r->solve.status == REC_DEADLINE,
                        r->coarse_iterations + r->solve.iterations, r->solve.iterations);
     if (p->a.warm || p->a.frame.temporal)
@@ -350,6 +353,7 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
     p->a = *params;
     p->a.frame.again = params->bars > 0 || params->draws;
     pthread_mutex_init(&p->tuning_lock, NULL);
+    pthread_mutex_init(&p->compute.lock, NULL);
     pvx_err e = pipeline_build(p, d);
     if (e != PVX_OK)
         dmn_pipeline_free(out);
@@ -409,6 +413,7 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     if (p->prev_value != NULL)
         pvx_unreserve(p->prev_value, p->prev_bytes);
     pthread_mutex_destroy(&p->tuning_lock);
+    pthread_mutex_destroy(&p->compute.lock);
     PVX_FREE(*pp);
 }
 
@@ -445,6 +450,11 @@ void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out)
     out->inside = out->produced - gone;
     for (int i = 0; i < DMN_N_STAGES; i++)
         stage_state(&p->stage[i], name[i], in[i], &out->stage[i]);
+}
+
+void dmn_pipeline_compute(dmn_pipeline *p, struct dmn_compute_state *out)
+{
+    dmn_compute_state(&p->compute, p->a.frame.card, out);
 }
 
 void dmn_pipeline_draws(dmn_pipeline *p, struct dmn_draws_state *out)

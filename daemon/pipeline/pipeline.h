@@ -119,6 +119,8 @@ void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t);
 
 /* Fills produced, published, inside, dropped and the stages of out. */
 void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);
+/* Where sets were solved. */
+void dmn_pipeline_compute(dmn_pipeline *p, struct dmn_compute_state *out);
 /* Of the solves for live error bars. */
 void dmn_pipeline_draws(dmn_pipeline *p, struct dmn_draws_state *out);
 /* How long the solver has waited for sets, since its first. */

@@ -39,6 +39,13 @@ if command -v systemd-analyze > /dev/null; then
         if [ $got = 77 ]; then echo "SKIP $name:$u-is-valid (systemd-analyze does not work here)"
         else check $u-is-valid [ $got = 0 ]; fi
     done
+    # The lines for a graphics card, as the page has them
+    mkdir "$dir/card"; cp "$dir/pyrovoxd.service" "$dir/card/"
+    sed -n '/^## A graphics card/,$ s/^    //p' systemd/README.md >> "$dir/card/pyrovoxd.service"
+    check card-lines-are-there [ "$(grep -c '^DeviceAllow=char-\(drm\|kfd\|nvidia\*\) rw$' "$dir/card/pyrovoxd.service")" = 3 ]
+    verify card/pyrovoxd.service; got=$?
+    if [ $got = 77 ]; then echo "SKIP $name:card-lines-are-valid (systemd-analyze does not work here)"
+    else check card-lines-are-valid [ $got = 0 ]; fi
     # What they may do (systemd/README.md has the list, and why): 0 is nothing, 10 everything.
     exposed() { # unit, most
         local out; out=$(systemd-analyze security --no-pager --offline=true "$dir/$1.service" 2>&1 | grep Overall)
@@ -48,6 +55,7 @@ if command -v systemd-analyze > /dev/null; then
     }
     if systemd-analyze security --help 2>&1 | grep -q -- --offline; then
         check pyrovoxd-may-do-little exposed pyrovoxd 1.5
+        check a-card-costs-little exposed card/pyrovoxd 1.5
         check pyrovox-view-may-do-less exposed pyrovox-view 1.2
     else
         echo "SKIP $name:may-do-little (this systemd-analyze has no --offline)"

@@ -74,6 +74,10 @@ T_CASE(wrong_files_name_line_key_and_reason)
     refused("fps: 0\n", "test.yaml:1: fps:");
     refused("threads: 2.5\n", "test.yaml:1: threads: '2.5' is not a whole number");
     refused("threads: -1\n", "outside 0..256");
+    refused("fps: 5\ncompute: gpu\n",
+            "test.yaml:2: compute: 'gpu' is not one of auto|cpu|opencl[:NAME]");
+    refused("compute: \"opencl:\"\n", "is not one of auto|cpu|opencl[:NAME]");
+    refused("compute: openclx\n", "is not one of auto|cpu|opencl[:NAME]");
     refused("sync: 5\n", "test.yaml:1: sync: should be a mapping");
     refused("sync:\n  policy: sometimes\n", "test.yaml:2: sync.policy: 'sometimes' is not one of");
     refused("lossless: maybe\n", "should be true or false");

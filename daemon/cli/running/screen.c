@@ -8,6 +8,7 @@
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/page.h"
 #include "daemon/cli/running/status_cameras.h"
+#include "daemon/cli/running/status_compute.h"
 #include "daemon/cli/running/status_ring.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
@@ -47,6 +48,13 @@ static void draw_daemon(struct page *p, const struct follow *f)
     page_line(p, "ms       photometry %.1f   hull %.1f   restrict %.1f   solve %.1f",
               (double)r->photometry_ns * 1e-6, (double)r->hull_ns * 1e-6,
               (double)r->restrict_ns * 1e-6, (double)r->solve_ns * 1e-6);
+}
+
+static void draw_compute(struct page *p, const cJSON *s)
+{
+    char text[STATUS_LINE];
+    if (compute_line(s, text, sizeof text) > 0)
+        page_words(p, 8, "compute", text);
 }
 
 static void draw_stages(struct page *p, const cJSON *s)
@@ -151,6 +159,7 @@ static void running_draw_page(const struct follow *f, const char *title, const c
         page_line(&p, "insecure %s is open to all who reach it",
                   ask_text(f->status, "open_to_all", NULL));
     draw_daemon(&p, f);
+    draw_compute(&p, f->status);
     draw_stages(&p, f->status);
     draw_clients(&p, f->status);
     draw_drops(&p, f->status);

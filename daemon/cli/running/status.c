@@ -6,6 +6,7 @@
 #include "daemon/cli/common/ask.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/cli/running/status_cameras.h"
+#include "daemon/cli/running/status_compute.h"
 #include "daemon/cli/running/status_ring.h"
 #include "daemon/config/endpoints.h"
 
@@ -79,6 +80,13 @@ static void print_sets(const cJSON *s)
         ask_text(s, "last", "solver"), ask_text(s, "last", "status"),
         ask_num(s, "last", "iterations"), ask_num(s, "last", "blended_iterations"),
         ask_num(s, "last", "rel_residual"));
+}
+
+static void print_compute(const cJSON *s)
+{
+    char text[STATUS_LINE];
+    if (compute_line(s, text, sizeof text) > 0)
+        printf("compute   %s\n", text);
 }
 
 /* Only of a daemon with model.error_bars. */
@@ -207,6 +215,7 @@ static int status_run(int argc, char **argv)
         printf("starting; system matrix %.0f %%\n", 100 * ask_num(s, "matrix_done", NULL));
     } else {
         print_sets(s);
+        print_compute(s);
         print_error_bars(s);
         print_record(s);
         print_record_volumes(s);

@@ -1,0 +1,170 @@
+#include "daemon/pipeline/compute.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "daemon/config/compute.h"
+#include "daemon/pipeline/compute_flame.h"
+
+#define MEASURE_NS (PVX_NS_PER_S / 2) /* that each side may take, after its first set */
+#define LEAST_SETS 3
+
+/* ---- which device ---- */
+
+pvx_err dmn_compute_open(const struct dmn_compute_want *w, struct dmn_compute *out,
+                         struct pvx_diag *d)
+{
+    enum dmn_compute_where where;
+    const char *name;
+    struct pvx_diag why = {""};
+    *out = (struct dmn_compute){.card = NULL};
+    PVX_TRY(dmn_compute_allowed(w->what, w->word, w->refused, d));
+    if (!dmn_compute_parse(w->word, &where, &name) || where == DMN_COMPUTE_CPU)
+        return PVX_OK;
+    if (w->refused != NULL) {
+        snprintf(out->said, sizeof out->said, "compute: the processors, which alone can do this: %s",
+                 w->refused);
+        return PVX_OK;
+    }
+    pvx_err e = rec_cl_open(name, &out->card, &why);
+    out->measure = where == DMN_COMPUTE_AUTO;
+    if (e == PVX_OK)
+        return PVX_OK;
+    out->card = NULL;
+    if (where == DMN_COMPUTE_OPENCL)
+        return pvx_fail(d, e, "%s: %s: %s", w->what, w->word, pvx_diag_text(&why, e));
+    snprintf(out->said, sizeof out->said, "compute: the processors; %.600s",
+             pvx_diag_text(&why, e));
+    return PVX_OK;
+}
+
+void dmn_compute_close(struct dmn_compute *c)
+{
+    rec_cl_close(&c->card);
+}
+
+/* ---- what was solved where ---- */
+
+void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card, uint64_t set,
+                      const struct rec_frame_report *r)
+{
+    if (card == NULL)
+        return;
+    if (r->on_card) {
+        atomic_fetch_add(&c->there, 1);
+        return;
+    }
+    atomic_fetch_add(&c->here, 1);
+    if (strcmp(c->why, r->why_here) == 0)
+        return;
+    pthread_mutex_lock(&c->lock);
+    snprintf(c->why, sizeof c->why, "%s", r->why_here);
+    pthread_mutex_unlock(&c->lock);
+    LOG_ABOUT(PVX_LOG_WARN, RECON, ABOUT(.cause = "compute", .of_set = true, .set = set),
+              "set %llu is solved on the processors, because of %s: %s", (unsigned long long)set,
+              rec_cl_about(card)->name, r->why_here);
+}
+
+void dmn_compute_state(struct dmn_compute_count *c, const struct rec_cl *card,
+                       struct dmn_compute_state *out)
+{
+    *out = (struct dmn_compute_state){.there = 0};
+    if (card == NULL)
+        return;
+    snprintf(out->device, sizeof out->device, "%s", rec_cl_about(card)->name);
+    out->there = atomic_load(&c->there);
+    out->here = atomic_load(&c->here);
+    pthread_mutex_lock(&c->lock);
+    snprintf(out->why, sizeof out->why, "%s", c->why);
+    pthread_mutex_unlock(&c->lock);
+}
+
+/* ---- a measurement ---- */
+
+static void load_set(const struct dmn_compute_job *job, const dmn_compute_flame *flame, size_t k,
+                     rec_frame *f)
+{
+    rec_frame_reset(f);
+    if (job->load != NULL)
+        job->load(job->ctx, k, f);
+    else
+        dmn_compute_flame_load(flame, f);
+}
+
+/* The least time of a set, ms, after the first one: it fills caches, and pages are touched by it.  PVX_EUNSUP: a set
+ * was not computed on p->card. */
+static pvx_err compute_measure(const struct dmn_compute_job *job, const struct rec_frame_params *p,
+                               const dmn_compute_flame *flame, double *ms, struct pvx_diag *d)
+{
+    rec_frame *f = NULL;
+    PVX_TRY(rec_frame_alone(job->S, job->rig, p, job->pool, &f, d));
+    pvx_err e = PVX_OK;
+    int64_t begin = 0, least = INT64_MAX;
+    for (size_t k = 0; k < DMN_COMPUTE_SETS && e == PVX_OK; k++) {
+        load_set(job, flame, k, f);
+        int64_t t0 = pvx_now_mono();
+        rec_frame_carve(f);
+        e = rec_frame_solve(f, 0, NULL);
+        int64_t now = pvx_now_mono();
+        const struct rec_frame_report *r = rec_frame_get_report(f);
+        if (e == PVX_OK && p->card != NULL && !r->on_card)
+            e = pvx_fail(d, PVX_EUNSUP, "%s", r->why_here);
+        if (k == 0)
+            begin = now;
+        else if (now - t0 < least)
+            least = now - t0;
+        if (k >= LEAST_SETS && now - begin > MEASURE_NS)
+            break;
+    }
+    rec_frame_free(&f);
+    *ms = (double)least * 1e-6;
+    return e;
+}
+
+static void compute_compare(struct dmn_compute *c, const struct dmn_compute_job *job,
+                            const struct rec_frame_params *p, const dmn_compute_flame *flame)
+{
+    struct rec_frame_params on = *p;
+    struct pvx_diag why = {""};
+    const char *name = rec_cl_about(c->card)->name;
+    double here = 0, there = 0;
+    on.card = NULL;
+    pvx_err e = compute_measure(job, &on, flame, &here, &why);
+    on.card = c->card;
+    PVX_THEN(e, compute_measure(job, &on, flame, &there, &why));
+    if (e == PVX_OK && there < here) {
+        c->measure = false;
+        snprintf(c->said, sizeof c->said, "compute: %s, %.1f ms a set against %.1f ms here", name,
+                 there, here);
+    } else if (e == PVX_OK) {
+        snprintf(c->said, sizeof c->said,
+                 "compute: the processors, %.1f ms a set against %.1f ms on %s", here, there, name);
+    } else {
+        snprintf(c->said, sizeof c->said, "compute: the processors, because of %s: %.500s", name,
+                 pvx_diag_text(&why, e));
+    }
+}
+
+pvx_err dmn_compute_choose(struct dmn_compute *c, const struct dmn_compute_job *job,
+                           struct rec_frame_params *p, struct pvx_diag *d)
+{
+    dmn_compute_flame *flame = NULL;
+    p->card = NULL;
+    if (c->card == NULL)
+        return PVX_OK;
+    if (c->measure) {
+        if (job->load == NULL && dmn_compute_flame_new(job->S, p, job->pool, &flame) != PVX_OK)
+            return pvx_fail(d, PVX_ENOMEM, "out of memory for a flame to measure with");
+        compute_compare(c, job, p, flame);
+        dmn_compute_flame_free(&flame);
+        if (c->measure)
+            dmn_compute_close(c);
+    } else {
+        snprintf(c->said, sizeof c->said, "compute: %s, driver %s", rec_cl_about(c->card)->name,
+                 rec_cl_about(c->card)->driver);
+    }
+    p->card = c->card;
+    return PVX_OK;
+}
