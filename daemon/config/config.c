@@ -641,7 +641,7 @@ const char *dmn_config_card_why_not(const struct dmn_config *c)
 {
     struct rec_frame_params p;
     dmn_config_frame(c, &p);
-    return c->error_bars ? "error bars" : rec_frame_card_why_not(&p);
+    return rec_frame_card_why_not(&p);
 }
 
 pvx_err dmn_config_compute(const struct dmn_config *c, struct pvx_diag *d)

@@ -48,5 +48,6 @@ void doc_check_access(struct doctor *d); /* groups, udev rules, device files */
 void doc_check_time(struct doctor *d);   /* PTP, time daemons, clock */
 void doc_check_disk(struct doctor *d);
 void doc_check_system(struct doctor *d); /* kernel, virtual machine */
+void doc_check_cards(struct doctor *d);  /* OpenCL devices */
 void doc_check_blacks(struct doctor *d); /* of pictures, where cameras were opened */
 #endif

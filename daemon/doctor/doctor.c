@@ -42,6 +42,7 @@ void doc_run(struct doctor *d)
     doc_check_disk(d);
     doc_check_system(d);
     doc_check_blacks(d);
+    doc_check_cards(d);
     qsort(d->report.f, d->report.n, sizeof d->report.f[0], worst_first);
 }
 

@@ -72,6 +72,7 @@ struct doc_load {
     int packet_delay_ns;   /* GigE, between packets of a frame */
     bool triggered;        /* not free running */
     size_t socket_buffer;  /* asked for each GigE camera; 0 = not known */
+    char compute[256];     /* where sets are solved (daemon/config/compute.h), "" = not known */
     char record[PATH_MAX]; /* folder of raw recording, "" = none */
 };
 

@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include <unistd.h>
 #include "base/err.h"
+#include "recon/opencl/rates.h"
 
 /* What the driver of a network card says (ethtool); each group may be unknown. */
 struct doc_nic {
@@ -28,6 +29,13 @@ struct doc_clock { /* adjtimex(2) */
     double max_error_s;
 };
 
+/* An OpenCL device, and how fast it moves bytes (recon/opencl/rates.h); rates 0: `slow` says why not. */
+struct doc_card {
+    struct rec_cl_info info;
+    struct rec_cl_rates rates;
+    char slow[160];
+};
+
 struct doc_host {
     const char *root; /* "" = this host */
     void (*nic)(struct doc_host *h, const char *ifname, struct doc_nic *out);
@@ -39,6 +47,8 @@ struct doc_host {
     bool (*space)(struct doc_host *h, const char *path, double *free_bytes);
     /* Permitted capabilities that an executable file gives; false: none. */
     bool (*file_caps)(struct doc_host *h, const char *path, uint64_t *permitted);
+    /* The OpenCL devices; none: *d says why.  NULL: not looked at. */
+    size_t (*cards)(struct doc_host *h, struct doc_card out[REC_CL_MOST], struct pvx_diag *d);
     void (*wait)(struct doc_host *h, double seconds);
     double sample_s;     /* counters are read twice, this far apart; 0 = once */
     double disk_write;   /* bytes to write as a speed test; 0 = no test */
@@ -50,6 +60,13 @@ void doc_host_init(struct doc_host *h); /* this host */
 void doc_real_nic(struct doc_host *h, const char *ifname, struct doc_nic *out);
 pvx_err doc_real_run(struct doc_host *h, const char *const *argv, char *out, size_t size,
                      struct pvx_diag *d);
+
+/* This host's.  Takes a few tenths of a second for each device. */
+size_t doc_real_cards(struct doc_host *h, struct doc_card out[REC_CL_MOST], struct pvx_diag *d);
+/* Bytes a second that all processors together copy, read plus written; 0: no memory. */
+double doc_copy_rate(void);
+/* A device in one line: what it is, how fast, or why it cannot be used. */
+void doc_card_line(const struct doc_card *c, char *out, size_t size);
 
 /* First `size`-1 bytes of a file, trailing white space cut; false: cannot be read. */
 bool doc_text(struct doc_host *h, char *out, size_t size, const char *fmt, ...) PVX_PRINTF(4, 5);

@@ -207,6 +207,7 @@ void doc_host_init(struct doc_host *h)
                            .run = doc_real_run,
                            .space = real_space,
                            .file_caps = real_file_caps,
+                           .cards = doc_real_cards,
                            .wait = real_wait,
                            .sample_s = 1,
                            .exe_dir = dir};

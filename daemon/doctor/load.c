@@ -130,6 +130,7 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     l->buffers = (unsigned)c->buffers;
     l->held = ring_frames(c, l);
     record_folder(c, l);
+    snprintf(l->compute, sizeof l->compute, "%s", c->compute);
     bool scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
     bool wire = on_a_wire(l); /* cameras on loopback are simulated: they have the host's clock */
     l->ptp = wire && (c->ptp || scheduled || c->shared_clock);

@@ -24,8 +24,8 @@ pvx_err dmn_compute_open(const struct dmn_compute_want *w, struct dmn_compute *o
     if (!dmn_compute_parse(w->word, &where, &name) || where == DMN_COMPUTE_CPU)
         return PVX_OK;
     if (w->refused != NULL) {
-        snprintf(out->said, sizeof out->said, "compute: the processors, which alone can do this: %s",
-                 w->refused);
+        snprintf(out->said, sizeof out->said,
+                 "compute: the processors, which alone can do this: %s", w->refused);
         return PVX_OK;
     }
     pvx_err e = rec_cl_open(name, &out->card, &why);

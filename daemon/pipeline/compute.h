@@ -20,8 +20,8 @@ struct dmn_compute_want {
     const char *refused; /* what else was asked for that only the processors do; NULL: nothing */
 };
 struct dmn_compute {
-    rec_cl *card; /* NULL: the processors */
-    bool measure; /* dmn_compute_choose decides */
+    rec_cl *card;            /* NULL: the processors */
+    bool measure;            /* dmn_compute_choose decides */
     char said[PVX_DIAG_MAX]; /* one sentence for the user; "": nothing to say */
 };
 /* Errors, with `opencl` alone: PVX_EINVAL (refused), those of rec_cl_open. */

@@ -72,8 +72,8 @@ static pvx_err flame_make(dmn_compute_flame *f, const struct rec_frame_params *p
     float *x = pvx_calloc(voxels * (size_t)f->cs, sizeof *x);
     int32_t *col = pvx_calloc(voxels, sizeof *col);
     f->pixels = pvx_calloc(f->S->win.room * (size_t)f->cs, sizeof *f->pixels);
-    pvx_err e = dense != NULL && x != NULL && col != NULL && f->pixels != NULL ? PVX_OK
-                                                                                : PVX_ENOMEM;
+    pvx_err e =
+        dense != NULL && x != NULL && col != NULL && f->pixels != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK) {
         struct rec_flame flame;
         struct rec_flame_pose pose;

@@ -245,6 +245,76 @@ static void expect(const char *id, enum doc_verdict v, const char *text, const c
         T_OK(f->verdict == DOC_UNKNOWN || f->means[0] != '\0');
 }
 
+/* A card, a card without double precision, pocl; or none, and why. */
+static size_t n_cards;
+static size_t get_cards(struct doc_host *h, struct doc_card out[REC_CL_MOST], struct pvx_diag *d)
+{
+    (void)h;
+    const struct doc_card all[] = {
+        {.info = {.name = "Fast 9000",
+                  .platform = "Fast CL",
+                  .driver = "5.1",
+                  .kind = REC_CL_GPU,
+                  .memory = 80000000000u},
+         .rates = {2.5e12, 2.4e10, 2.3e10}},
+        {.info = {.name = "Small 1",
+                  .platform = "Small CL",
+                  .kind = REC_CL_GPU,
+                  .why_not = "it has no double precision (cl_khr_fp64)"}},
+        {.info = {.name = "pthread-any",
+                  .platform = "Portable Computing Language",
+                  .kind = REC_CL_CPU},
+         .slow = "it did not answer for 10 s"}};
+    memcpy(out, all, n_cards * sizeof *out);
+    if (n_cards == 0)
+        (void)pvx_fail(d, PVX_ENOENT, "OpenCL cannot be loaded: install ocl-icd-libopencl1");
+    return n_cards;
+}
+
+T_CASE(cards)
+{
+    good_host();
+    host.cards = get_cards;
+    n_cards = 3;
+    doc_run(&doctor);
+    T_EQ_I(doc_exit_status(&doctor.report), 0);
+    size_t seen = 0;
+    for (size_t i = 0; i < doctor.report.n; i++) {
+        const char *what = doctor.report.f[i].what;
+        if (strcmp(doctor.report.f[i].id, "compute.card") != 0)
+            continue;
+        seen++;
+        if (strstr(what, "Fast 9000: graphics card, 80 GB, Fast CL, driver 5.1; copies 2500.0 GB/s,"
+                         " 24.0 GB/s from the host, 23.0 GB/s to it") == NULL)
+            T_CONTAINS(what, strstr(what, "Small") != NULL
+                                 ? "it cannot be used: it has no double precision"
+                                 : "a processor, used only by its name");
+    }
+    T_EQ_I(seen, 3);
+    n_cards = 0;
+    expect("compute.card", DOC_OK, "on the processors alone: OpenCL cannot be loaded", NULL);
+    expect("compute.device", DOC_N_VERDICT, NULL, NULL);
+}
+
+T_CASE(card_of_the_configuration)
+{
+    good_host();
+    host.cards = get_cards;
+    n_cards = 3;
+    snprintf(doctor.load.compute, sizeof doctor.load.compute, "opencl");
+    expect("compute.device", DOC_N_VERDICT, NULL, NULL);
+    snprintf(doctor.load.compute, sizeof doctor.load.compute, "opencl:fast");
+    expect("compute.device", DOC_N_VERDICT, NULL, NULL);
+    snprintf(doctor.load.compute, sizeof doctor.load.compute, "opencl:small");
+    expect("compute.device", DOC_FAIL, "no OpenCL device named small that can be used", "auto");
+    snprintf(doctor.load.compute, sizeof doctor.load.compute, "opencl:Portable");
+    expect("compute.device", DOC_FAIL, "named Portable", "compute: auto");
+    n_cards = 0;
+    expect("compute.device", DOC_FAIL, NULL, "ocl-icd-libopencl1");
+    snprintf(doctor.load.compute, sizeof doctor.load.compute, "auto");
+    expect("compute.device", DOC_N_VERDICT, NULL, NULL);
+}
+
 T_CASE(all_is_well)
 {
     good_host();
