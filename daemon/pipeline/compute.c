@@ -93,33 +93,64 @@ static void load_set(const struct dmn_compute_job *job, const dmn_compute_flame 
         dmn_compute_flame_load(flame, f);
 }
 
-/* The least time of a set, ms, after the first one: it fills caches, and pages are touched by it.  PVX_EUNSUP: a set
- * was not computed on p->card. */
-static pvx_err compute_measure(const struct dmn_compute_job *job, const struct rec_frame_params *p,
-                               const dmn_compute_flame *flame, double *ms, struct pvx_diag *d)
+/* A slot of its own, as rec_frame_alone, but with the backgrounds. */
+struct bench {
+    rec_carver *carver;
+    rec_solver *solver;
+    rec_frame *frame;
+};
+
+static pvx_err bench_new(const struct dmn_compute_job *job, const struct rec_frame_params *p,
+                         struct bench *b, struct pvx_diag *d)
 {
-    rec_frame *f = NULL;
-    PVX_TRY(rec_frame_alone(job->S, job->rig, p, job->pool, &f, d));
-    pvx_err e = PVX_OK;
-    int64_t begin = 0, least = INT64_MAX;
-    for (size_t k = 0; k < DMN_COMPUTE_SETS && e == PVX_OK; k++) {
-        load_set(job, flame, k, f);
+    *b = (struct bench){NULL, NULL, NULL};
+    PVX_TRY(rec_carver_new(job->S, job->rig, p, job->pool, &b->carver, d));
+    for (size_t c = 0; job->background != NULL && c < job->rig->n_cameras; c++)
+        PVX_TRY(rec_carver_background(b->carver, c, job->background[c]));
+    PVX_TRY(rec_solver_new(job->S, p, &b->solver, d));
+    return rec_frame_new(b->carver, b->solver, &b->frame, d);
+}
+
+static void bench_free(struct bench *b)
+{
+    rec_frame_free(&b->frame);
+    rec_solver_free(&b->solver);
+    rec_carver_free(&b->carver);
+}
+
+/* Solves sets 0, 1, ... until the time is up, or *sets of them if that is not 0.  The first one is not counted: caches
+ * are filled by it, and pages are touched.  PVX_EUNSUP: a set was not solved on p->card. */
+static pvx_err bench_run(const struct dmn_compute_job *job, const struct rec_frame_params *p,
+                         const dmn_compute_flame *flame, struct bench *b, size_t *sets, double *ms,
+                         struct pvx_diag *d)
+{
+    int64_t spent = 0;
+    size_t k = 0, most = *sets > 0 ? *sets : DMN_COMPUTE_SETS;
+    for (; k < most; k++) {
+        load_set(job, flame, k, b->frame);
         int64_t t0 = pvx_now_mono();
-        rec_frame_carve(f);
-        e = rec_frame_solve(f, 0, NULL);
-        int64_t now = pvx_now_mono();
-        const struct rec_frame_report *r = rec_frame_get_report(f);
-        if (e == PVX_OK && p->card != NULL && !r->on_card)
-            e = pvx_fail(d, PVX_EUNSUP, "%s", r->why_here);
-        if (k == 0)
-            begin = now;
-        else if (now - t0 < least)
-            least = now - t0;
-        if (k >= LEAST_SETS && now - begin > MEASURE_NS)
+        rec_frame_carve(b->frame);
+        PVX_TRY(rec_frame_solve(b->frame, 0, NULL));
+        spent += k > 0 ? pvx_now_mono() - t0 : 0;
+        const struct rec_frame_report *r = rec_frame_get_report(b->frame);
+        if (p->card != NULL && !r->on_card)
+            return pvx_fail(d, PVX_EUNSUP, "%s", r->why_here);
+        if (*sets == 0 && k >= LEAST_SETS && spent > MEASURE_NS)
             break;
     }
-    rec_frame_free(&f);
-    *ms = (double)least * 1e-6;
+    *sets = k < most ? k + 1 : most;
+    *ms = (double)spent * 1e-6 / (double)(*sets - 1);
+    return PVX_OK;
+}
+
+static pvx_err compute_measure(const struct dmn_compute_job *job, const struct rec_frame_params *p,
+                               const dmn_compute_flame *flame, size_t *sets, double *ms,
+                               struct pvx_diag *d)
+{
+    struct bench b;
+    pvx_err e = bench_new(job, p, &b, d);
+    PVX_THEN(e, bench_run(job, p, flame, &b, sets, ms, d));
+    bench_free(&b);
     return e;
 }
 
@@ -130,10 +161,11 @@ static void compute_compare(struct dmn_compute *c, const struct dmn_compute_job 
     struct pvx_diag why = {""};
     const char *name = rec_cl_about(c->card)->name;
     double here = 0, there = 0;
+    size_t sets = 0;
     on.card = NULL;
-    pvx_err e = compute_measure(job, &on, flame, &here, &why);
+    pvx_err e = compute_measure(job, &on, flame, &sets, &here, &why);
     on.card = c->card;
-    PVX_THEN(e, compute_measure(job, &on, flame, &there, &why));
+    PVX_THEN(e, compute_measure(job, &on, flame, &sets, &there, &why));
     if (e == PVX_OK && there < here) {
         c->measure = false;
         snprintf(c->said, sizeof c->said, "compute: %s, %.1f ms a set against %.1f ms here", name,

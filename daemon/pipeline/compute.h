@@ -33,6 +33,7 @@ struct dmn_compute_job { /* borrowed */
     const rec_sysmat *S;
     const struct rec_rig *rig;
     pvx_pool *pool;
+    float *const *background; /* as for dmn_pipeline_params */
     /* Fills the slot with set k, 0..DMN_COMPUTE_SETS-1; NULL: a flame that the rig would see. */
     void (*load)(void *ctx, size_t k, rec_frame *f);
     void *ctx;

@@ -6,6 +6,7 @@
 
 #include "daemon/cli/common/arg.h"
 #include "daemon/volumes/parts.h"
+#include "daemon/config/compute.h"
 #include "daemon/config/config.h"
 #include "daemon/volumes/volumes.h"
 #include "recon/frame/bars.h"
@@ -73,6 +74,12 @@ static const struct cli_row rows[] = {
      "write the rig with the fitted volume, for the daemon; without --out do only that"},
     {.help = "Solver:"},
     {"solver", "NAME", CLI_KEY(OPT_SOLVER), 0, 0, "one of"},
+    {"compute", DMN_COMPUTE_WORDS, AT(compute), 0, 0,
+     "where the sets are solved. cpu (default): on the processors. auto: on a graphics card "
+     "(OpenCL), if it is faster with some of these sets. opencl: on the first graphics card, or on "
+     "the device whose name contains NAME, as `pyrovox cpu` lists them. The volumes are the same "
+     "except for rounding. Sets that the device cannot do are solved on the processors. Not with "
+     "--error-bars, --temporal, --saturated at-least, --stop lcurve, or other solvers"},
     {"iterations", "N", CLI_KEY(OPT_ITER), 0, 0, "at most N iterations; without --stop exactly N"},
     {"stop", STOPS, CLI_KEY(OPT_STOP), 0, 0,
      "auto (default): pcg stops when an iteration gains next to nothing, the others when the "
@@ -175,6 +182,20 @@ static void check_parts(struct argp_state *st, struct reconstruct_options *o)
         argp_error(st, "--sbatch goes with --slurm");
 }
 
+static void check_compute(struct argp_state *st, const struct reconstruct_options *o)
+{
+    struct rec_frame_params p = o->frame;
+    struct pvx_diag d = {""};
+    enum dmn_compute_where where;
+    const char *name;
+    p.again = o->bars > 0;
+    if (dmn_compute_allowed("--compute", o->compute, rec_frame_card_why_not(&p), &d) != PVX_OK)
+        argp_error(st, "%s", d.text);
+    if (o->plan && dmn_compute_parse(o->compute, &where, &name) && where == DMN_COMPUTE_OPENCL)
+        argp_error(st, "--plan predicts the time on the processors: it cannot go with --compute %s",
+                   o->compute);
+}
+
 static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *st)
 {
     static const enum rec_stop stop[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
@@ -240,6 +261,7 @@ static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *
             argp_error(st, "--temporal needs the solver %s", rec_solver_names()[0]);
         if (o->bars > 0 && !rec_solver_is_default(o->frame.solve.solver))
             argp_error(st, "--error-bars needs the solver %s", rec_solver_names()[0]);
+        check_compute(st, o);
         if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
                                &o->reading.mosaic))
             argp_error(st, "--bayer rays needs the solver %s and three channels",
@@ -386,6 +408,7 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                               .help_filter = help_text,
                               .doc = all ? INTRO "\v" EXAMPLES MORE : INTRO "\v" EXAMPLES};
     *o = (struct reconstruct_options){.rig = OPT_RIG_INIT,
+                                      .compute = "cpu",
                                       .last = FRAMES_IN_LAST,
                                       .fit_margin = -1,
                                       .fit_frames = 50,

@@ -16,8 +16,9 @@ struct reconstruct_options {
     const char *save_rig;  /* or NULL */
     struct rec_frame_params frame;
     int64_t first, last;
-    double deadline_ms; /* 0 = none */
-    uint32_t bars;      /* solves for error bars; 0: none */
+    double deadline_ms;  /* 0 = none */
+    const char *compute; /* of daemon/config/compute.h */
+    uint32_t bars;       /* solves for error bars; 0: none */
     bool grey, warm, quiet, no_hull;
     bool anyway;          /* solve what rig and pictures make meaningless */
     bool stop_said;       /* --stop */

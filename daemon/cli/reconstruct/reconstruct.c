@@ -17,6 +17,7 @@
 #include "daemon/cli/reconstruct/ranks.h"
 #include "daemon/cli/reconstruct/absorb.h"
 #include "daemon/cli/reconstruct/active.h"
+#include "daemon/cli/reconstruct/device.h"
 #include "daemon/cli/reconstruct/fit.h"
 #include "daemon/cli/reconstruct/hints.h"
 #include "daemon/cli/reconstruct/join.h"
@@ -40,6 +41,7 @@ struct job {
     struct rec_frame_params params;
     pvx_pool *pool;
     rec_average *average; /* of the cameras' corrections; NULL: each set by itself */
+    struct dmn_compute compute;
     dmn_pipeline *pipeline;
     struct ranks ranks;
     struct reconstruct_part part; /* where out is one file */
@@ -314,6 +316,8 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
         memset(as_in_file.grid, 0, sizeof as_in_file.grid);
         as_in_file.grid_auto = false;
     }
+    if (o->out != NULL && !o->plan && o->slurm == 0)
+        PVX_TRY(reconstruct_device_open(o, &j->compute, d));
     if (o->no_hull)
         silhouettes_without_hull(&j->params);
     if (o->out != NULL && !o->recording && !o->plan && vol_folder_has(o->out, ".npy"))
@@ -390,7 +394,6 @@ static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
     struct dmn_pipeline_params p = {.S = j->S,
                                     .rig = &j->rig,
                                     .pool = j->pool,
-                                    .frame = j->params,
                                     .background = o->background != NULL ? background : NULL,
                                     .lossless = true,
                                     .warm = o->warm,
@@ -401,6 +404,10 @@ static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
     pvx_err e = PVX_OK;
     if (o->background != NULL)
         e = frames_in_background(&j->in, o->background, background, d);
+    const struct dmn_compute_job job = {
+        .S = j->S, .rig = &j->rig, .pool = j->pool, .background = p.background};
+    PVX_THEN(e, reconstruct_device_choose(&j->compute, &job, &j->in, o->quiet, &j->params, d));
+    p.frame = j->params;
     PVX_THEN(e, learn_cameras(j, p.background, d));
     p.average = j->average;
     PVX_THEN(e, dmn_pipeline_new(&p, &j->pipeline, d));
@@ -455,6 +462,7 @@ static void reconstruct_finish(struct job *j)
     hull_picture_free(&j->picture);
     frames_in_close(&j->in);
     dmn_photometry_free(&j->light);
+    dmn_compute_close(&j->compute);
     rec_sysmat_free(&j->S);
     pvx_pool_free(&j->pool);
     rec_rig_fini(&j->rig);
@@ -498,6 +506,7 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     pvx_err e = dmn_pipeline_start(j->pipeline, d);
     dmn_pipeline_join(j->pipeline);
     describe_waiting(root, j);
+    reconstruct_device_tell(j->pipeline, root);
     if (e == PVX_OK && (e = j->error) != PVX_OK)
         *d = j->why;
     struct pvx_diag dr = {""};
