@@ -33,7 +33,8 @@ pvx_err dmn_compute_open(const struct dmn_compute_want *w, struct dmn_compute *o
     if (e == PVX_OK)
         return PVX_OK;
     out->card = NULL;
-    if (where == DMN_COMPUTE_OPENCL)
+    out->warn = where == DMN_COMPUTE_OPENCL;
+    if (where == DMN_COMPUTE_OPENCL && (e == PVX_ENOENT || e == PVX_EUNSUP))
         return pvx_fail(d, e, "%s: %s: %s", w->what, w->word, pvx_diag_text(&why, e));
     snprintf(out->said, sizeof out->said, "compute: the processors; %.600s",
              pvx_diag_text(&why, e));
@@ -47,24 +48,26 @@ void dmn_compute_close(struct dmn_compute *c)
 
 /* ---- what was solved where ---- */
 
-void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card, uint64_t set,
+void dmn_compute_fail(struct dmn_compute_count *c, const struct rec_cl *card, const char *why)
+{
+    if (strcmp(c->why, why) == 0)
+        return;
+    pthread_mutex_lock(&c->lock);
+    snprintf(c->why, sizeof c->why, "%s", why);
+    pthread_mutex_unlock(&c->lock);
+    LOG_ABOUT(PVX_LOG_WARN, RECON, ABOUT(.cause = "compute"),
+              "sets are solved on the processors, because of %s: %s", rec_cl_about(card)->name,
+              why);
+}
+
+void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card,
                       const struct rec_frame_report *r)
 {
     if (card == NULL)
         return;
-    if (r->on_card) {
-        atomic_fetch_add(&c->there, 1);
-        return;
-    }
-    atomic_fetch_add(&c->here, 1);
-    if (strcmp(c->why, r->why_here) == 0)
-        return;
-    pthread_mutex_lock(&c->lock);
-    snprintf(c->why, sizeof c->why, "%s", r->why_here);
-    pthread_mutex_unlock(&c->lock);
-    LOG_ABOUT(PVX_LOG_WARN, RECON, ABOUT(.cause = "compute", .of_set = true, .set = set),
-              "set %llu is solved on the processors, because of %s: %s", (unsigned long long)set,
-              rec_cl_about(card)->name, r->why_here);
+    atomic_fetch_add(r->on_card ? &c->there : &c->here, 1);
+    if (!r->on_card && r->why_here[0] != '\0')
+        dmn_compute_fail(c, card, r->why_here);
 }
 
 void dmn_compute_state(struct dmn_compute_count *c, const struct rec_cl *card,

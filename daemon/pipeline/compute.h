@@ -22,9 +22,11 @@ struct dmn_compute_want {
 struct dmn_compute {
     rec_cl *card;            /* NULL: the processors */
     bool measure;            /* dmn_compute_choose decides */
+    bool warn;               /* what is said is a warning: a device that was asked for fails */
     char said[PVX_DIAG_MAX]; /* one sentence for the user; "": nothing to say */
 };
-/* Errors, with `opencl` alone: PVX_EINVAL (refused), those of rec_cl_open. */
+/* A device that is there but fails is no error: the daemon has to start.  Errors, with `opencl` alone: PVX_EINVAL
+ * (refused), PVX_ENOENT and PVX_EUNSUP of rec_cl_open. */
 PVX_MUST_CHECK pvx_err dmn_compute_open(const struct dmn_compute_want *w, struct dmn_compute *out,
                                         struct pvx_diag *d);
 void dmn_compute_close(struct dmn_compute *c);
@@ -49,8 +51,10 @@ struct dmn_compute_count {
     char why[128];        /* the last reason; a new one is logged */
 };
 /* A solved set; card NULL: nothing. */
-void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card, uint64_t set,
+void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card,
                       const struct rec_frame_report *r);
+/* The card cannot do what is asked of it from now on. */
+void dmn_compute_fail(struct dmn_compute_count *c, const struct rec_cl *card, const char *why);
 void dmn_compute_state(struct dmn_compute_count *c, const struct rec_cl *card,
                        struct dmn_compute_state *out);
 #endif

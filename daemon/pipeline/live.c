@@ -100,7 +100,8 @@ static pvx_err choose_device(dmn_live *l, struct rec_frame_params *p, struct pvx
     const struct dmn_compute_job job = {.S = l->S, .rig = &l->rig, .pool = l->pool};
     PVX_TRY(dmn_compute_choose(&l->compute, &job, p, d));
     if (l->compute.said[0] != '\0')
-        LOG_I(RECON, "%s", l->compute.said);
+        pvx_log(l->compute.warn ? PVX_LOG_WARN : PVX_LOG_INFO, TOPIC_RECON,
+                ABOUT(.cause = "compute"), "%s", l->compute.said);
     return PVX_OK;
 }
 

@@ -42,6 +42,8 @@ struct dmn_pipeline {
     atomic_uint tunings;           /* how many came */
     unsigned carve_has, solve_has; /* the one that each stage has taken; the stage's own */
 
+    struct rec_cl
+        *card; /* that was asked for; a.frame.card may be NULL, if it failed at the start */
     struct dmn_compute_count compute;
     atomic_uint_fast64_t produced, out, dropped[DMN_N_DROP];
 };
@@ -225,7 +227,7 @@ static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
         return;
     }
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
-    dmn_compute_note(&p->compute, p->a.frame.card, s->set, r);
+    dmn_compute_note(&p->compute, p->card, r);
     dmn_deadline_learn(&p->a.deadline, r->solve.status == REC_DEADLINE,
                        r->coarse_iterations + r->solve.iterations, r->solve.iterations);
     if (p->a.warm || p->a.frame.temporal)
@@ -345,6 +347,40 @@ static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* Frees what pipeline_build has made, so that it can be called again. */
+static void pipeline_clear(dmn_pipeline *p)
+{
+    for (size_t i = 0; i < DMN_N_SLOTS + DMN_N_AGAIN; i++) {
+        rec_frame_free(&p->slot[i].frame);
+        rec_bars_free(&p->bars[i]);
+    }
+    dmn_draws_free(&p->draws);
+    for (size_t i = 0; i < DMN_N_SYSTEMS + DMN_N_AGAIN; i++)
+        rec_systems_free(&p->systems[i]);
+    rec_carver_free(&p->carver);
+    rec_solver_free(&p->solver);
+    pvx_queue_free(&p->idle);
+    pvx_queue_free(&p->idle_systems);
+    pvx_queue_free(&p->to_solve);
+    pvx_queue_free(&p->to_sink);
+    if (p->prev_value != NULL)
+        pvx_unreserve(p->prev_value, p->prev_bytes);
+    p->prev_value = NULL;
+}
+
+/* A card that fails now is no reason not to start. */
+static pvx_err pipeline_build_here(dmn_pipeline *p, pvx_err e, struct pvx_diag *d)
+{
+    char why[128];
+    snprintf(why, sizeof why, "%.120s", pvx_diag_text(d, e));
+    dmn_compute_fail(&p->compute, p->card, why);
+    pipeline_clear(p);
+    p->a.frame.card = NULL;
+    if (d != NULL)
+        d->text[0] = '\0';
+    return pipeline_build(p, d);
+}
+
 pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline **out,
                          struct pvx_diag *d)
 {
@@ -354,7 +390,10 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
     p->a.frame.again = params->bars > 0 || params->draws;
     pthread_mutex_init(&p->tuning_lock, NULL);
     pthread_mutex_init(&p->compute.lock, NULL);
+    p->card = params->frame.card;
     pvx_err e = pipeline_build(p, d);
+    if (e != PVX_OK && p->card != NULL)
+        e = pipeline_build_here(p, e, d);
     if (e != PVX_OK)
         dmn_pipeline_free(out);
     return e;
@@ -397,21 +436,7 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     dmn_pipeline *p = *pp;
     if (p == NULL)
         return;
-    for (size_t i = 0; i < DMN_N_SLOTS + DMN_N_AGAIN; i++) {
-        rec_frame_free(&p->slot[i].frame);
-        rec_bars_free(&p->bars[i]);
-    }
-    dmn_draws_free(&p->draws);
-    for (size_t i = 0; i < DMN_N_SYSTEMS + DMN_N_AGAIN; i++)
-        rec_systems_free(&p->systems[i]);
-    rec_carver_free(&p->carver);
-    rec_solver_free(&p->solver);
-    pvx_queue_free(&p->idle);
-    pvx_queue_free(&p->idle_systems);
-    pvx_queue_free(&p->to_solve);
-    pvx_queue_free(&p->to_sink);
-    if (p->prev_value != NULL)
-        pvx_unreserve(p->prev_value, p->prev_bytes);
+    pipeline_clear(p);
     pthread_mutex_destroy(&p->tuning_lock);
     pthread_mutex_destroy(&p->compute.lock);
     PVX_FREE(*pp);
@@ -454,7 +479,7 @@ void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out)
 
 void dmn_pipeline_compute(dmn_pipeline *p, struct dmn_compute_state *out)
 {
-    dmn_compute_state(&p->compute, p->a.frame.card, out);
+    dmn_compute_state(&p->compute, p->card, out);
 }
 
 void dmn_pipeline_draws(dmn_pipeline *p, struct dmn_draws_state *out)

@@ -28,7 +28,7 @@ pvx_err reconstruct_device_choose(struct dmn_compute *c, const struct dmn_comput
     of.load = device_load;
     of.ctx = in;
     PVX_TRY(dmn_compute_choose(c, &of, p, d));
-    if (c->said[0] != '\0' && !quiet)
+    if (c->said[0] != '\0' && (c->warn || !quiet))
         fprintf(stderr, "%s\n", c->said);
     return PVX_OK;
 }

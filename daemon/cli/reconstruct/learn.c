@@ -80,7 +80,7 @@ static void learn_say(const struct rec_selfcal_report *r, const struct rec_rig *
     }
 }
 
-pvx_err reconstruct_learn(const struct reconstruct_learn *l, rec_average **out, struct pvx_diag *d)
+static pvx_err learn_all(const struct reconstruct_learn *l, rec_average **out, struct pvx_diag *d)
 {
     struct rec_selfcal_report r = {0};
     struct learner t = {.l = l,
@@ -112,4 +112,16 @@ pvx_err reconstruct_learn(const struct reconstruct_learn *l, rec_average **out, 
     else
         rec_average_free(&t.average);
     return e;
+}
+
+pvx_err reconstruct_learn(const struct reconstruct_learn *l, rec_average **out, struct pvx_diag *d)
+{
+    struct reconstruct_learn again = *l;
+    struct rec_frame_params here = *l->params;
+    pvx_err e = learn_all(l, out, d);
+    if (e == PVX_OK || e == PVX_ECANCELED || here.card == NULL)
+        return e;
+    here.card = NULL; /* it fails; the pipeline says so */
+    again.params = &here;
+    return learn_all(&again, out, d);
 }
