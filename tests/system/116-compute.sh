@@ -5,8 +5,8 @@ name=116
 . "$(dirname "$0")/lib.sh"
 shim=$b/tests/opencl
 [ -e "$shim/libOpenCL.so.1" ] || { echo "FAIL $name: $shim/libOpenCL.so.1 is not there: make test builds it"; exit 1; }
-export POCL_CACHE_DIR=$dir/pocl
-mkdir "$POCL_CACHE_DIR" "$dir/none"
+export POCL_CACHE_DIR=$b/tests/opencl/cache # of all tests: pocl compiles slowly
+mkdir -p "$POCL_CACHE_DIR" "$dir/none"
 echo > "$dir/none/libOpenCL.so.1" # a library that cannot be loaded
 top=$PWD
 conf() { (cd "$top" && config "$@"); }
@@ -92,7 +92,7 @@ told() { # expression of the report's c
 volumes_of_pocl() {
     solve here; says 0 && told here 'c is None' || return 1
     solve there --compute opencl:portable; says 0 || return 1
-    [ -z "$out" ] || { echo "  said: $out"; return 1; }
+    [ -z "$(grep -v 'compiles the kernels, once' <<< "$out")" ] || { echo "  said: $out"; return 1; }
     told there 'c["device"].startswith("pthread") and c["sets"] == 6 and c["fell_back"] == 0 and c["why"] == ""' && same there
 }
 check volumes_of_pocl volumes_of_pocl
@@ -109,7 +109,7 @@ fault() { # FUNCTION:N:WHAT
     LD_LIBRARY_PATH=$shim PYROVOX_CL_FAULT=$1 PYROVOX_CL_SAID=$dir/said PYROVOX_OPENCL_PATIENCE=2 solve fault --compute opencl:portable
     says 0 || return 1
     grep -q -- "${1%%:*}" said || { echo "  $1 did not happen"; return 1; }
-    [ "$(grep -c 'recon: ' <<< "$out")" = 1 ] || { echo "  $1: not one warning: $out"; return 1; }
+    [ "$(grep -cE 'recon: .*because of pthread|^compute: ' <<< "$out")" = 1 ] || { echo "  $1: not one warning: $out"; return 1; }
     same fault > /dev/null || { echo "  $1: other volumes"; return 1; }
 }
 calls() { # how often each function is called in a run without fault
