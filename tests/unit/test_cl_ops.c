@@ -560,12 +560,24 @@ T_CASE(passes_are_those_of_the_processor)
 static void loads(struct bed *b)
 {
     const rec_problem *here = b->pb[HERE], *there = b->pb[THERE];
+    struct rec_card_load sum;
+    size_t measured = 0, ones = 0;
+    double light[4] = {0};
+    rec_cl_ops.load(b->pb[THERE], &sum);
+    for (size_t i = 0; i < b->room; i++) {
+        measured += b->row[i] && here->w[i] > 0;
+        ones += b->row[i] && here->w[i] == 1;
+        for (size_t l = 0; l < b->cs && b->row[i]; l++)
+            light[l] += fabs((double)rec_weight_at(here, i, l) * (double)here->b[i * b->cs + l]);
+    }
+    T_EQ_I(sum.rows, measured);
+    T_EQ_I(sum.ones, ones);
     double n = (double)b->room * (double)b->cs * EPS;
     T_NEAR(there->b_norm2, here->b_norm2, 2 * n * here->b_norm2);
     T_EQ_I(there->m, here->m);
     T_EQ_I(there->whole, here->whole);
     for (int l = 0; l < 4; l++) {
-        T_NEAR(there->light[l], here->light[l], 2 * n * here->b_norm2 * 1e3);
+        T_NEAR(there->light[l], here->light[l], 2 * n * light[l]);
         if (b->in.per_channel)
             T_EQ_I(there->measured[l], here->measured[l]);
         T_NEAR(there->share[l], here->share[l], 4 * n);
