@@ -13,7 +13,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 .PHONY: tests-run tests-build
 # What run.sh runs.  Under ThreadSanitizer only what has threads of its own; a parser has one.
 NOT_UNDER_TSAN := $(addprefix %/,$(shell grep -o '^[a-z0-9_]*' tests/not-under-tsan.txt))
-tests-run: $(if $(filter thread,$(SAN)),$(filter-out $(NOT_UNDER_TSAN),$(UNIT)),$(UNIT) $(FUZZ))
+tests-run: $(if $(filter thread,$(SAN)),$(filter-out $(NOT_UNDER_TSAN),$(UNIT)),$(UNIT) $(FUZZ)) $(CL_SHIM)
 tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability $(POWER)
 
 # gold links in a third of the time, and these are 200 programs.
