@@ -22,7 +22,7 @@ cases() { # program
     case $1 in
     test_cl_device) echo lists_what_there_is,buffers_there_and_back,sums_are_those_of_a_serial_sum ;;
     test_cl_products) echo windows_of_2x2,a_part_that_is_empty ;;
-    test_cl_system) echo no_coarser_levels ;;
+    test_cl_system) echo trilinear_of_three_channels,a_part_of_the_matrix ;;
     test_cl_ops) echo passes_are_those_of_the_processor ;;
     test_cl_cache | test_cl_faults | test_cl_rates) ;; # these are about the host
     test_cl_frame) ;;                                  # whole frame sets take hours, by the kernels of the others

@@ -35,22 +35,53 @@ static void must(pvx_err e, const char *what)
     exit(1);
 }
 
+static const int32_t odd[3] = {67, 35, 50}, narrow[3] = {32, 5, 7}, tiny[3] = {9, 6, 13};
+
+static const int32_t *sides(void)
+{
+    return cl_bed_is_simulated() ? narrow : odd;
+}
+
+/* A body hides a part from some cameras. */
+static void put_in_the_way(struct rec_rig *r)
+{
+    r->bodies.body = pvx_calloc(1, sizeof *r->bodies.body);
+    r->bodies.n = 1;
+    r->bodies.body[0] = (struct rec_body){.kind = REC_BODY_CYLINDER,
+                                          .a = {0.25, 0, r->grid.min[2]},
+                                          .b = {0.25, 0, r->grid.max[2]},
+                                          .radius = 0.07};
+}
+
 static void bed_rig(struct bed *k, int32_t across, enum rec_basis basis, const int32_t n[3])
 {
     *k = (struct bed){.cs = 1};
-    must(rec_rig_ring(5, 2, across, across * 3 / 4 + 1, n[0], &k->rig), "rig");
-    k->rig.cameras[4].width = 62; /* another size */
-    k->rig.cameras[4].height = 34;
-    k->rig.cameras[3].fx *= 2.5; /* its pictures cut the volume off */
-    k->rig.cameras[3].fy *= 2.5;
+    across = cl_bed_is_simulated() ? 23 : across;
+    must(rec_rig_ring(cl_bed_is_simulated() ? 3 : 5, 2, across, across * 3 / 4 + 1, n[0], &k->rig),
+         "rig");
+    struct rec_camera *last = &k->rig.cameras[k->rig.n_cameras - 1];
+    last->width = across * 4 / 5; /* another size, cut off at all sides */
+    last->height = across / 2;
+    last->fx *= 2;
+    last->fy *= 2;
+    last->cx = last->width * 0.5;
+    last->cy = last->height * 0.5;
     k->rig.cameras[1].dist[0] = -0.2;
     memcpy(k->rig.grid.n, n, sizeof k->rig.grid.n);
     k->rig.grid.basis = basis;
     must(pvx_pool_new(2, "t", &k->pool), "pool");
 }
 
-/* The matrix is there.  columns 0: room for all of them. */
-static void bed_new(struct bed *k, int cs, size_t columns)
+/* A system on the device with room for so many columns. */
+static void bed_there(struct bed *k, size_t columns)
+{
+    struct pvx_diag d = {""};
+    rec_cl_system_free(&k->y);
+    must(rec_cl_system_new(k->m, k->cs, columns, &k->y, &d), d.text);
+}
+
+/* The matrix is there. */
+static void bed_new(struct bed *k, int cs)
 {
     struct pvx_diag d = {""};
     size_t rows = k->S->row0[k->S->n_cameras], N = rec_grid_count(&k->S->grid);
@@ -69,7 +100,7 @@ static void bed_new(struct bed *k, int cs, size_t columns)
     k->w = pvx_calloc(rows, sizeof *k->w);
     k->w4 = pvx_calloc(rows * 4, sizeof *k->w4);
     must(rec_cl_matrix_new(cl, k->S, &k->m, &d), d.text);
-    must(rec_cl_system_new(k->m, cs, columns > 0 ? columns : N, &k->y, &d), d.text);
+    bed_there(k, N);
 }
 
 static void bed_free(struct bed *k)
@@ -98,7 +129,7 @@ static void bed_clear(struct bed *k)
 
 /* ---- frame sets ----------------------------------------------------------------------------------*/
 
-enum shape { DARK, ALL_LIT, FLAME, HOLES, AT_THE_EDGE, NOISE, CONTRARY, SHAPES };
+enum shape { DARK, ALL_LIT, FLAME, SPARK, HOLES, AT_THE_EDGE, NOISE, CONTRARY, SHAPES };
 
 static bool is_lit(const struct rec_sysmat_block *v, size_t c, enum shape shape, int32_t x,
                    int32_t y)
@@ -107,6 +138,7 @@ static bool is_lit(const struct rec_sysmat_block *v, size_t c, enum shape shape,
     switch (shape) {
     case ALL_LIT: return true;
     case FLAME: return 6 * u * u + 3 * t * t < 0.3;
+    case SPARK: return 6 * u * u + 3 * t * t < 0.06;
     case HOLES: return 6 * u * u + 3 * t * t < 0.3 && t_uniform(0, 1) < 0.97;
     case AT_THE_EDGE: return u < -0.2 + 0.1 * (double)c;
     case NOISE: return t_uniform(0, 1) < 0.1;
@@ -129,6 +161,12 @@ static void bed_shoot(struct bed *k, enum shape shape)
                 for (size_t l = 0; l < 4; l++)
                     k->w4[i * 4 + l] = l < 3 && t_rand() % 3 == l ? k->w[i] : 0;
             }
+}
+
+static void bed_lit(const struct bed *k, const uint8_t *lit[REC_MAX_CAMERAS])
+{
+    for (size_t c = 0; c < k->S->n_cameras; c++)
+        lit[c] = k->lit + k->S->row0[c];
 }
 
 struct set {
@@ -324,8 +362,7 @@ static int32_t compare(struct bed *k, const struct set *s)
     const struct rec_pictures in = {
         .b = k->b, .w = s->per_channel ? k->w4 : k->w, .per_channel = s->per_channel};
     bool too_many = true;
-    for (size_t c = 0; c < k->S->n_cameras; c++)
-        lit[c] = k->lit + k->S->row0[c];
+    bed_lit(k, lit);
     carve_here(k, s, &in, lit, &here);
     T_OK(carve_there(k, s, &in, lit, &there, &too_many));
     T_OK(!too_many);
@@ -347,15 +384,23 @@ static int32_t compare(struct bed *k, const struct set *s)
 static int64_t compare_all(struct bed *k, bool per_channel)
 {
     int64_t n = 0;
-    for (unsigned i = 0; i < 2 * SHAPES; i += cl_bed_is_simulated() ? 5 : 1) {
-        struct set s = {.p = {.min_views = i % 5, .keep_partial = i % 3 != 2},
+    for (unsigned i = cl_bed_is_simulated() ? FLAME : 0;
+         i < (cl_bed_is_simulated() ? FLAME + 1 : 2 * SHAPES); i++) {
+        struct set s = {.p = {.min_views = i % 5, .keep_partial = i % 3 != 1},
                         .per_channel = per_channel};
         for (size_t c = 0; c < k->S->n_cameras; c++)
-            s.present[c] = i < SHAPES || (c != i % 5 && c != i / 2 % 5);
+            s.present[c] =
+                i < SHAPES ? !cl_bed_is_simulated() || c != 1 : c != i % 5 && c != i / 2 % 5;
         bed_shoot(k, (enum shape)(i % SHAPES));
         n += compare(k, &s);
     }
     return n;
+}
+
+/* Columns, of one set after the other, that are not few. */
+static int64_t some(const struct bed *k)
+{
+    return (int64_t)rec_grid_count(&k->S->grid) / 16;
 }
 
 /* ---- cases ---------------------------------------------------------------------------------------*/
@@ -367,16 +412,14 @@ static void bed_build(struct bed *k)
     must(rec_sysmat_build(&k->rig, &p, k->pool, NULL, NULL, &k->S, &d), d.text);
 }
 
-static const int32_t odd[3] = {67, 35, 50}, tiny[3] = {9, 6, 13};
-
 T_CASE(boxes_of_one_channel)
 {
     struct bed k;
-    bed_rig(&k, 75, REC_BOX, odd);
+    bed_rig(&k, 75, REC_BOX, sides());
     bed_build(&k);
-    bed_new(&k, 1, 0);
-    T_LE(2, k.levels_here->n);
-    T_OK(compare_all(&k, false) > 10000);
+    bed_new(&k, 1);
+    T_LE(cl_bed_is_simulated() ? 1 : 2, k.levels_here->n);
+    T_OK(compare_all(&k, false) > some(&k));
     bed_free(&k);
     bed_clear(&k);
 }
@@ -384,11 +427,12 @@ T_CASE(boxes_of_one_channel)
 T_CASE(trilinear_of_three_channels)
 {
     struct bed k;
-    bed_rig(&k, 93, REC_TRILINEAR, odd);
+    bed_rig(&k, 93, REC_TRILINEAR, sides());
+    put_in_the_way(&k.rig);
     bed_build(&k);
-    bed_new(&k, 4, 0);
-    T_OK(compare_all(&k, false) > 10000);
-    T_OK(compare_all(&k, true) > 10000); /* mosaics */
+    bed_new(&k, 4);
+    T_OK(compare_all(&k, false) > some(&k));
+    T_OK(compare_all(&k, true) > some(&k)); /* mosaics */
     bed_free(&k);
     bed_clear(&k);
 }
@@ -398,9 +442,9 @@ T_CASE(no_coarser_levels)
     struct bed k;
     bed_rig(&k, 40, REC_TRILINEAR, tiny);
     bed_build(&k);
-    bed_new(&k, 1, 0);
+    bed_new(&k, 1);
     T_OK(k.levels_here == NULL);
-    T_OK(compare_all(&k, false) > 100);
+    T_OK(compare_all(&k, false) > some(&k));
     bed_free(&k);
     bed_clear(&k);
 }
@@ -412,14 +456,14 @@ T_CASE(a_part_of_the_matrix)
     struct pvx_diag d = {""};
     const struct rec_sysmat_params p = {1, 1};
     rec_sysmat *outline;
-    bed_rig(&k, 75, REC_TRILINEAR, odd);
+    bed_rig(&k, 75, REC_TRILINEAR, sides());
     must(rec_sysmat_outline(&k.rig, &p, k.pool, (struct rec_progress){0}, &outline, &d), d.text);
     for (size_t i = 0; i < outline->active->bricks; i++)
         outline->active->brick[i] = t_uniform(0, 1) < 0.4;
     must(rec_sysmat_build_active(&k.rig, &outline, k.pool, (struct rec_progress){0}, &k.S, &d),
          d.text);
-    bed_new(&k, 1, 0);
-    T_OK(compare_all(&k, false) > 5000);
+    bed_new(&k, 1);
+    T_OK(compare_all(&k, false) > some(&k));
     bed_free(&k);
     bed_clear(&k);
 }
@@ -429,31 +473,27 @@ T_CASE(no_room_for_the_columns)
 {
     const struct set s = {.p = REC_HULL_DEFAULTS, .present = {true, true, true, true, true}};
     struct bed k;
-    bed_rig(&k, 75, REC_BOX, odd);
+    bed_rig(&k, 75, REC_BOX, sides());
     bed_build(&k);
-    bed_new(&k, 1, 0);
+    bed_new(&k, 1);
     bed_shoot(&k, FLAME);
-    int32_t n = compare(&k, &s);
-    T_OK(n > 1000);
-    bed_free(&k);
-    for (int32_t fewer = 0; fewer < 2; fewer++) {
-        const uint8_t *lit[REC_MAX_CAMERAS];
+    const uint8_t *lit[REC_MAX_CAMERAS];
+    const struct rec_pictures in = {.b = k.b, .w = k.w};
+    struct rec_hull_kept here = {.col = k.col_here}, there = {.col = k.col_there};
+    bed_lit(&k, lit);
+    rec_hull_carve(k.hull, &s.p, lit, s.present, k.pool, &here);
+    T_OK(here.n > some(&k));
+    for (int32_t fewer = cl_bed_is_simulated() ? 1 : 0; fewer < 2; fewer++) {
         bool too_many = fewer == 0;
-        bed_new(&k, 1, (size_t)(n - fewer));
-        bed_shoot(&k, FLAME); /* nothing in it is random */
-        const struct rec_pictures in = {.b = k.b, .w = k.w};
-        struct rec_hull_kept kept = {.col = k.col_there};
-        for (size_t c = 0; c < k.S->n_cameras; c++)
-            lit[c] = k.lit + k.S->row0[c];
-        T_EQ_I(carve_there(&k, &s, &in, lit, &kept, &too_many), fewer == 0);
+        bed_there(&k, (size_t)(here.n - fewer));
+        bed_shoot(&k, FLAME);
+        T_EQ_I(carve_there(&k, &s, &in, lit, &there, &too_many), fewer == 0);
         T_EQ_I(too_many, fewer);
         T_EQ_I(k.there->card == NULL, fewer);
-        bed_shoot(&k, DARK);
-        T_EQ_I(compare(&k, &s), 0);
-        bed_shoot(&k, HOLES);
-        T_OK(compare(&k, &s) > 100);
-        bed_free(&k);
+        bed_shoot(&k, SPARK);
+        T_OK(cl_bed_is_simulated() || compare(&k, &s) > some(&k) / 8);
     }
+    bed_free(&k);
     bed_clear(&k);
 }
 
