@@ -114,3 +114,22 @@ static inline int brick_voxel(__constant const struct rec_cl_geometry *g, uint b
     int k = row / g->bricks[1] * 4 + p / 16;
     return i < g->n[0] && j < g->n[1] && k < g->n[2] ? (k * g->n[1] + j) * g->n[0] + i : -1;
 }
+
+/* The sum of v of the items before this one; *all: of all GROUP items.  sum: local, one an item.  All items of the group
+ * call it. */
+static inline uint sum_before(uint v, __local uint *sum, uint *all)
+{
+    uint i = (uint)get_local_id(0);
+    sum[i] = v;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (uint step = 1; step < GROUP; step *= 2) {
+        uint left = i >= step ? sum[i - step] : 0;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        sum[i] += left;
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    uint before = sum[i] - v;
+    *all = sum[GROUP - 1];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    return before;
+}

@@ -48,22 +48,16 @@ mark_rows(__constant const struct rec_cl_geometry *g, ulong present,
           __global uint *restrict tile_rows, __global uchar *restrict is_row)
 {
     __local ulong voxels[GROUP], bins[GROUP];
-    __local uint at[GROUP];
-    __local uint some[GROUP];
+    __local uint at[GROUP], some[GROUP];
     uint tile = (uint)get_group_id(0), i = (uint)get_local_id(0);
     uint from = tile_from[tile], to = tile_from[tile + 1], n = 0;
     bool found = false;
     if ((present >> tile_camera(g, tile) & 1) == 0)
         to = from;
     for (uint first = from; first < to; first += GROUP) {
-        uint p = first + i, before = 0, all = 0;
+        uint p = first + i, all;
         ulong columns = p < to ? active[pair_brick[p]] : 0;
-        some[i] = columns != 0;
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (uint k = 0; k < GROUP; k++) {
-            before += k < i ? some[k] : 0;
-            all += some[k];
-        }
+        uint before = sum_before(columns != 0, some, &all);
         if (columns != 0) {
             pair[from + n + before] = p;
             voxels[before] = columns;
@@ -82,16 +76,11 @@ mark_rows(__constant const struct rec_cl_geometry *g, ulong present,
     int row = tile_bin(g, tile, i);
     if (row >= 0)
         is_row[row] = found;
-    some[i] = found;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint step = GROUP / 2; step > 0; step /= 2) {
-        if (i < step)
-            some[i] += some[i + step];
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
+    uint found_by_all;
+    (void)sum_before(found, some, &found_by_all);
     if (i == 0) {
         tile_pairs[tile] = n;
-        tile_rows[tile] = some[0];
+        tile_rows[tile] = found_by_all;
     }
 }
 

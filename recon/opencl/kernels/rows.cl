@@ -80,6 +80,15 @@ static inline uint voxels_before(struct met m, uint o)
     return o < 32 ? popcount(m.low & bits) : popcount(m.low) + popcount(m.high & bits);
 }
 
+/* Bit i: bin i has some. */
+static inline ulong bins_of(__local const struct met *m)
+{
+    ulong bins = 0;
+    for (uint i = 0; i < GROUP; i++)
+        bins |= (ulong)((m[i].low | m[i].high) != 0) << i;
+    return bins;
+}
+
 /* A window of voxel o.  out NULL: marks its bins in met; else writes its entries, those of a bin from start[bin] on. */
 static inline void meet(__constant const struct rec_cl_geometry *g, struct tile t, uint o, int first,
                         __global const uchar *w, int step, __local struct met *met,
@@ -124,7 +133,7 @@ pair_sizes(__constant const struct rec_cl_geometry *g, uint tile0, __global cons
            __global const uint *restrict pair_brick, __global uint *restrict size)
 {
     __local struct met met[GROUP];
-    __local uint n[GROUP];
+    __local uint sum[GROUP];
     uint tile = tile0 + (uint)get_group_id(0), o = (uint)get_local_id(0);
     struct tile t = tile_at(g, tile);
     for (uint p = tile_from[tile]; p < tile_from[tile + 1]; p++) {
@@ -132,16 +141,10 @@ pair_sizes(__constant const struct rec_cl_geometry *g, uint tile0, __global cons
         barrier(CLK_LOCAL_MEM_FENCE);
         meet_brick(g, t, pair_brick[p], at, w, more, more_from, met, 0, 0);
         barrier(CLK_LOCAL_MEM_FENCE);
-        n[o] = voxels_of(met[o]);
-        n[o] += n[o] > 0;
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (uint dist = GROUP / 2; dist > 0; dist /= 2) {
-            if (o < dist)
-                n[o] += n[o + dist];
-            barrier(CLK_LOCAL_MEM_FENCE);
-        }
+        uint n = voxels_of(met[o]), all;
+        (void)sum_before(n + (n > 0), sum, &all);
         if (o == 0)
-            size[p] = n[0] + (n[0] > 0);
+            size[p] = all + (all > 0);
     }
 }
 
@@ -154,7 +157,7 @@ pair_fill(__constant const struct rec_cl_geometry *g, uint tile0, __global const
           __global ulong *restrict pair_bins, __global ushort *restrict rows)
 {
     __local struct met met[GROUP];
-    __local uint n[GROUP], start[GROUP];
+    __local uint sum[GROUP], start[GROUP];
     uint tile = tile0 + (uint)get_group_id(0), o = (uint)get_local_id(0);
     struct tile t = tile_at(g, tile);
     for (uint p = tile_from[tile]; p < tile_from[tile + 1]; p++) {
@@ -163,26 +166,17 @@ pair_fill(__constant const struct rec_cl_geometry *g, uint tile0, __global const
         barrier(CLK_LOCAL_MEM_FENCE);
         meet_brick(g, t, pair_brick[p], at, w, more, more_from, met, 0, 0);
         barrier(CLK_LOCAL_MEM_FENCE);
-        n[o] = voxels_of(met[o]);
-        barrier(CLK_LOCAL_MEM_FENCE);
-        uint before = 0, bins_before = 0, bins = 0;
-        ulong all = 0;
-        for (uint b = 0; b < GROUP; b++) {
-            uint some = n[b] > 0;
-            all |= (ulong)some << b;
-            bins += some;
-            bins_before += b < o ? some : 0;
-            before += b < o ? n[b] : 0;
-        }
+        uint n = voxels_of(met[o]), bins, all;
+        uint head = sum_before(n > 0, sum, &bins), before = sum_before(n, sum, &all);
         start[o] = bins + 1 + before;
-        if (n[o] > 0)
-            out[bins_before] = (ushort)start[o];
+        if (n > 0)
+            out[head] = (ushort)start[o];
         if (o == 0)
-            pair_bins[p] = all;
-        if (o == GROUP - 1)
-            out[bins] = (ushort)(start[o] + n[o]);
+            out[bins] = (ushort)(bins + 1 + all);
         barrier(CLK_LOCAL_MEM_FENCE);
         meet_brick(g, t, pair_brick[p], at, w, more, more_from, met, start, out);
+        if (o == 0)
+            pair_bins[p] = bins_of(met);
         barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
     }
 }
