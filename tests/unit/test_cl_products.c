@@ -1,5 +1,6 @@
 /* test_cl_products.c - products on a device against the processor's restricted system, entry by entry: rows, counts and
  * norms to the bit, products within the bound of their rounding. */
+#include "recon/opencl/impl.h"
 #include "tests/lib/cl_part.h"
 #include "tests/lib/entries.h"
 #include "tests/lib/matrices.h"
@@ -388,6 +389,34 @@ T_CASE(windows_of_3x4)
 T_CASE(windows_of_4x4)
 {
     written(4, 4);
+}
+
+/* Whatever has no room: one sentence, and nothing is left behind. */
+T_CASE(a_device_without_room)
+{
+    rec_sysmat *S = written_new(2, 2, pool);
+    const uint64_t largest = cl->info.largest, used = atomic_load(&cl->used);
+    uint32_t refused = 0, bits = 0;
+    pvx_err e;
+    do {
+        struct pvx_diag d = {""};
+        rec_cl_matrix *m;
+        cl->info.largest = (uint64_t)1 << ++bits;
+        e = rec_cl_matrix_new(cl, S, &m, &d);
+        T_OK(e == PVX_OK || e == PVX_ENOMEM);
+        T_OK((e == PVX_OK) == (m != NULL));
+        if (e != PVX_OK)
+            T_CONTAINS(d.text, "GB");
+        if (e != PVX_OK && bits > 20) /* the queue has room */
+            T_CONTAINS(d.text, "the system matrix' ");
+        refused += e != PVX_OK;
+        rec_cl_matrix_free(&m);
+        T_EQ_I(atomic_load(&cl->used), used);
+    } while (e != PVX_OK && cl->info.largest < largest);
+    T_EQ_I(e, PVX_OK);
+    T_OK(refused > 10);
+    cl->info.largest = largest;
+    rec_sysmat_free(&S);
 }
 
 static void begin(void)
