@@ -13,16 +13,10 @@ enum way { GREY, COLOUR, MOSAIC };
 
 static rec_cl *cl;
 
-/* On Oclgrind, some thousand times slower: a case does the least that goes every way of a kernel. */
-static bool interpreted(void)
-{
-    return getenv("T_OPENCL") != NULL;
-}
-
-/* Voxels along a grid without coarser ones, if it is interpreted, else with them. */
+/* Voxels along a grid without coarser ones, on a simulated device, else with them. */
 static int32_t small(void)
 {
-    return interpreted() ? 8 : 32;
+    return cl_bed_is_simulated() ? 8 : 32;
 }
 
 /* One carved set, here and on the device, and a problem of each. */
@@ -238,8 +232,8 @@ static void bed_new(struct bed *b, int32_t grid, enum way way)
     struct pvx_diag d = {""};
     struct rec_frame_params p = rec_frame_defaults;
     int nch = p.nch = way == GREY ? 1 : 3;
-    scene_new(&b->s, interpreted() && grid > small() ? 3 : 6, interpreted() ? 19 : grid + 11, grid,
-              1, 2);
+    scene_new(&b->s, cl_bed_is_simulated() && grid > small() ? 3 : 6,
+              cl_bed_is_simulated() ? 19 : grid + 11, grid, 1, 2);
     T_EQ_I(rec_frame_alone(b->s.S, &b->s.rig, &p, b->s.pool, &b->f, NULL), PVX_OK);
     rec_frame *f = b->f;
     b->cs = (size_t)f->cs;
@@ -542,7 +536,7 @@ static void passes_with_products(struct bed *b)
 T_CASE(passes_are_those_of_the_processor)
 {
     for (enum way way = GREY; way <= MOSAIC; way++) {
-        if (interpreted() && way == COLOUR)
+        if (cl_bed_is_simulated() && way == COLOUR)
             continue;
         struct bed b;
         bed_new(&b, small(), way);
@@ -674,7 +668,7 @@ static void residuals(struct bed *b)
 T_CASE(loads_weights_and_residuals_are_those_of_the_processor)
 {
     for (enum way way = GREY; way <= MOSAIC; way++) {
-        if (interpreted() && way == COLOUR)
+        if (cl_bed_is_simulated() && way == COLOUR)
             continue;
         struct bed b;
         bed_new(&b, small(), way);
@@ -772,7 +766,7 @@ T_CASE(the_sum_of_channels_is_that_of_the_processor)
 
 T_CASE(corrections_of_cameras_are_those_of_the_processor)
 {
-    for (enum way way = interpreted() ? COLOUR : GREY; way <= COLOUR; way++) {
+    for (enum way way = cl_bed_is_simulated() ? COLOUR : GREY; way <= COLOUR; way++) {
         struct bed b;
         struct rec_selfcal_given given = {.gain = true, .shift = true};
         struct rec_selfcal *s[2];
@@ -913,7 +907,7 @@ static void takes_an_earlier_volume(struct bed *b)
 T_CASE(starts_are_those_of_the_processor)
 {
     for (enum way way = GREY; way <= MOSAIC; way++) {
-        if (interpreted() && way != MOSAIC)
+        if (cl_bed_is_simulated() && way != MOSAIC)
             continue;
         struct bed b;
         bed_new(&b, 33, way);
@@ -985,8 +979,8 @@ static void solves(struct bed *b, enum way way, enum rec_blend blend)
 
 T_CASE(whole_solves_are_those_of_the_processor)
 {
-    if (interpreted())
-        T_SKIP("interpreted: the other cases have the same kernels");
+    if (cl_bed_is_simulated())
+        T_SKIP("simulated: the other cases have the same kernels");
     for (enum way way = GREY; way <= MOSAIC; way++) {
         struct bed b;
         bed_new(&b, 32, way);
