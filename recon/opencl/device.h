@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define REC_CL_PATIENCE 10.0 /* seconds */
+#define REC_CL_PATIENCE 10.0 /* seconds; $PYROVOX_OPENCL_PATIENCE has tests' */
 
 enum rec_cl_kind { REC_CL_GPU, REC_CL_CPU, REC_CL_OTHER };
 

@@ -77,10 +77,12 @@ static bool program_cached(rec_cl *cl, uint64_t key, const char *options, cl_pro
     return false;
 }
 
+/* Some drivers compile the kernels only when they are asked for the binary: so not without need. */
 static void program_keep(const rec_cl *cl, uint64_t key, cl_program p)
 {
     size_t bytes = 0;
-    if (cl->lib->GetProgramInfo(p, CL_PROGRAM_BINARY_SIZES, sizeof bytes, &bytes, NULL) !=
+    if (!rec_cl_cache_is_there() ||
+        cl->lib->GetProgramInfo(p, CL_PROGRAM_BINARY_SIZES, sizeof bytes, &bytes, NULL) !=
             CL_SUCCESS ||
         bytes == 0)
         return;

@@ -3,7 +3,6 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <limits.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,6 +28,12 @@ static bool cached_name(uint64_t key, char out[PATH_MAX])
                 ? snprintf(out, PATH_MAX, "%s/opencl-%016llx.pvxp", dir, (unsigned long long)key)
                 : -1;
     return n > 0 && n < PATH_MAX;
+}
+
+bool rec_cl_cache_is_there(void)
+{
+    char dir[PATH_MAX];
+    return rec_cache_dir(dir);
 }
 
 unsigned char *rec_cl_cache_read(uint64_t key, size_t *bytes)

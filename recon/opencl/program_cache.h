@@ -4,11 +4,14 @@
  * order of the host.  A file that is damaged, or of another host, counts as not there. */
 #ifndef REC_CL_PROGRAM_CACHE_H
 #define REC_CL_PROGRAM_CACHE_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #define REC_CL_KEPT 256 /* files; those not used for longest are removed */
 
+/* Whether a variable names the folder. */
+bool rec_cl_cache_is_there(void);
 /* NULL: it is not there.  Owner: caller, free(). */
 unsigned char *rec_cl_cache_read(uint64_t key, size_t *bytes);
 /* Where it cannot be written, it is not. */
