@@ -1,11 +1,11 @@
 # Checks of the text: nothing of the product runs.
 .PHONY: lint check-layers check-abi abi format-check tidy
 
-lint: setup-lint ## layers, formatting, man pages, shell scripts, conventions, clang-tidy, what the libraries show
+lint: setup-lint ## layers, formatting, man pages, shell scripts, conventions, clang-tidy, kernels, libraries
 	@$(PARALLEL) built
 	@$(MAKE) --no-print-directory check-layers format-check
 	@tests/lint.sh $(VERSION)
-	@$(PARALLEL) -k tidy-files abi-compare
+	@$(PARALLEL) -k tidy-files kernels-compile abi-compare
 check-layers: all ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon; no circles in a room
 	@tests/setup.sh git
 	@tests/check-layers.sh $(B)
@@ -20,7 +20,7 @@ abi: setup-lint ## write down what the libraries show (*.abi): for a release, an
 	@$(PARALLEL) built
 	@tests/abi.sh $(B) --renew
 
-.PHONY: tidy-files abi-compare
+.PHONY: tidy-files kernels-compile abi-compare
 abi-compare: built
 	@tests/abi.sh $(B)
 # A stamp beside each object, made after it: a header that changed makes both anew.
@@ -42,3 +42,16 @@ $(B)/%.tidy: %.c $(B)/%.o .clang-tidy
 	$(call tidy,$(FEWER))
 $(B)/%.deep: %.c $(B)/%.o .clang-tidy
 	$(call tidy,)
+
+# The kernels as the compilers of NVIDIA and AMD cards see them: pocl, on which the tests run, has another.
+KERNELS := $(filter-out common,$(basename $(notdir $(wildcard recon/opencl/kernels/*.cl))))
+KERNEL_HEADS := $(addprefix recon/opencl/kernels/,shared.h common.cl)
+CARDS := nvptx64-nvidia-nvcl amdgcn-amd-amdhsa
+kernels-compile: $(foreach t,$(CARDS),$(foreach l,1 4,$(KERNELS:%=$(B)/kernels/$t/$l/%.ok)))
+$(B)/kernels/%.ok: $(KERNEL_HEADS) $(wildcard recon/opencl/kernels/*.cl) tests/lint.mk
+	@mkdir -p $(@D)
+	$(call say,CL)
+	$(Q)cat $(KERNEL_HEADS) recon/opencl/kernels/$(notdir $*).cl | clang -x cl -target $(firstword $(subst /, ,$*)) \
+	  -DCS=$(notdir $(patsubst %/,%,$(dir $*))) -cl-std=CL1.2 -Xclang -finclude-default-header -nogpulib \
+	  -Wall -Werror -Wno-unused-function -O1 -S -o /dev/null -
+	@touch $@

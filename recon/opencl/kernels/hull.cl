@@ -10,7 +10,7 @@
 #define BAND  16
 
 /* Bit i: `yes` of item i.  All GROUP items of the group call it. */
-inline ulong votes(bool yes, __local uchar *vote, __local uchar *eight)
+static inline ulong votes(bool yes, __local uchar *vote, __local uchar *eight)
 {
     uint i = (uint)get_local_id(0);
     vote[i] = yes;
@@ -27,14 +27,14 @@ inline ulong votes(bool yes, __local uchar *vote, __local uchar *eight)
         all |= (ulong)eight[k] << k * 8;
     return all;
 }
-inline uint count_bits(ulong bits)
+static inline uint count_bits(ulong bits)
 {
     return (uint)popcount(bits);
 }
 
 /* ---- tables --------------------------------------------------------------------------------------*/
 
-inline __global uint *table_row(__constant const struct rec_cl_geometry *g, uint pad, __global uint *sat, uint c,
+static inline __global uint *table_row(__constant const struct rec_cl_geometry *g, uint pad, __global uint *sat, uint c,
                                 uint y)
 {
     return sat + ((size_t)g->camera[c].row0 + (size_t)c * pad + (size_t)(y + 1) * (uint)(g->camera[c].bw + 1) + 1);
@@ -64,7 +64,7 @@ struct band {
     uint c, b, x, y0, y1;
     bool is;
 };
-inline struct band band_of(__constant const struct rec_cl_geometry *g, ulong present, uint bands, uint across)
+static inline struct band band_of(__constant const struct rec_cl_geometry *g, ulong present, uint bands, uint across)
 {
     uint group = (uint)get_group_id(0);
     struct band t = {.c = group / across / bands, .b = group / across % bands};
@@ -107,17 +107,17 @@ __kernel BRICK void table_columns(__constant const struct rec_cl_geometry *g, ul
 /* ---- footprints ----------------------------------------------------------------------------------*/
 
 /* A footprint is (x0, y0, x1, y1), inclusive; x0 > x1: not seen. */
-inline bool is_seen(ushort4 r)
+static inline bool is_seen(ushort4 r)
 {
     return r.s0 <= r.s2;
 }
 /* Not seen as a whole, but maybe in part: REC_RECT_UNKNOWN. */
-inline bool is_unknown(ushort4 r)
+static inline bool is_unknown(ushort4 r)
 {
     return r.s0 == 2 && r.s2 == 0;
 }
 /* Lit and dark bins. */
-inline uint2 hull_look(__global const uint *sat, int bw, ushort4 r)
+static inline uint2 hull_look(__global const uint *sat, int bw, ushort4 r)
 {
     size_t w = (size_t)bw + 1, top = (size_t)r.s1 * w, bottom = ((size_t)r.s3 + 1) * w;
     size_t left = r.s0, right = (size_t)r.s2 + 1;
@@ -126,7 +126,7 @@ inline uint2 hull_look(__global const uint *sat, int bw, ushort4 r)
     return (uint2)(lit, area - lit);
 }
 /* Whether the picture's edge may cut the footprint short. */
-inline bool is_cut_off(int bw, int bh, ushort4 r)
+static inline bool is_cut_off(int bw, int bh, ushort4 r)
 {
     return r.s0 == 0 || r.s1 == 0 || r.s2 + 1 == bw || r.s3 + 1 == bh;
 }
@@ -176,7 +176,7 @@ __kernel BRICK void hull_bricks(__constant const struct rec_cl_geometry *g, ulon
 }
 
 /* Whether the item's place in brick b is a voxel. */
-inline bool is_voxel(__constant const struct rec_cl_geometry *g, int b)
+static inline bool is_voxel(__constant const struct rec_cl_geometry *g, int b)
 {
     int o = (int)get_local_id(0), row = b / g->bricks[0];
     return b % g->bricks[0] * 4 + o % 4 < g->n[0] && row % g->bricks[1] * 4 + o / 4 % 4 < g->n[1] &&

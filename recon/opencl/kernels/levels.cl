@@ -15,7 +15,7 @@
 /* ---- columns -------------------------------------------------------------------------------------*/
 
 /* Bits of the voxels of a finer brick -> of their parents, in one eighth of the coarse brick: 0, 1, 4, 5, 16, ... */
-inline ulong parents_of(ulong m)
+static inline ulong parents_of(ulong m)
 {
     m |= m >> 1;
     m |= m >> 4;
@@ -50,7 +50,7 @@ __kernel MANY void levels_mask(__constant const struct rec_cl_place *place, uint
 }
 
 /* Where row r of voxels lies in the masks: in its first brick, from bit *shift on. */
-inline size_t first_brick(__constant const struct rec_cl_place *p, uint r, uint *shift)
+static inline size_t first_brick(__constant const struct rec_cl_place *p, uint r, uint *shift)
 {
     uint y = r % (uint)p->n[1], z = r / (uint)p->n[1];
     *shift = (z % 4 * 4 + y % 4) * 4;
@@ -157,7 +157,7 @@ __kernel MANY void levels_entries(uint groups, __global const double4 *restrict 
 struct patch {
     int first, wide, high, pitch;
 };
-inline int patch_of(__constant const struct rec_cl_geometry *g, __constant const struct rec_cl_geometry *fine, int shift,
+static inline int patch_of(__constant const struct rec_cl_geometry *g, __constant const struct rec_cl_geometry *fine, int shift,
                     int t, struct patch *p)
 {
     int i = (int)get_local_id(0), c = 0;
@@ -177,7 +177,7 @@ inline int patch_of(__constant const struct rec_cl_geometry *g, __constant const
 }
 
 /* In double, because a device may round quotients of floats less well than the host. */
-inline float quotient(float a, float b)
+static inline float quotient(float a, float b)
 {
     return (float)((double)a / (double)b);
 }

@@ -9,13 +9,13 @@
 
 #define SCAN __attribute__((reqd_work_group_size(FLAT, 1, 1)))
 
-inline uint4 word_counts(uint word)
+static inline uint4 word_counts(uint word)
 {
     return (uint4)(word & 0xFFFF, word >> 16 & 0x7F, word >> 24 & 0x7F, word >> 31);
 }
 
 /* The words [from, to) of a group's piece. */
-inline uint2 scan_piece(__constant const struct rec_cl_range *range, uint group)
+static inline uint2 scan_piece(__constant const struct rec_cl_range *range, uint group)
 {
     while (group >= range->group + range->groups)
         range++;
@@ -26,7 +26,7 @@ inline uint2 scan_piece(__constant const struct rec_cl_range *range, uint group)
 
 /* The sum of v over the items of the group up to this one.  row [FLAT] is the same for all of them afterwards, and
  * its last entry is the sum over all. */
-inline uint4 scan_group(uint4 v, __local uint4 *row)
+static inline uint4 scan_group(uint4 v, __local uint4 *row)
 {
     uint i = (uint)get_local_id(0);
     row[i] = v;
