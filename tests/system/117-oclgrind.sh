@@ -23,7 +23,9 @@ cases() { # program
     test_cl_device) echo lists_what_there_is,buffers_there_and_back,sums_are_those_of_a_serial_sum ;;
     test_cl_products) echo windows_of_2x2,a_part_that_is_empty ;;
     test_cl_system) echo trilinear_of_three_channels,a_part_of_the_matrix ;;
-    test_cl_ops) echo passes_are_those_of_the_processor ;;
+    test_cl_ops_passes) echo passes_are_those_of_the_processor ;;
+    test_cl_ops_problem) echo loads_weights_and_residuals_are_those_of_the_processor,the_sum_of_channels_is_that_of_the_processor,corrections_of_cameras_are_those_of_the_processor ;;
+    test_cl_ops_solves) echo starts_are_those_of_the_processor ;; # whole solves have the same kernels
     test_cl_cache | test_cl_faults | test_cl_rates) ;; # these are about the host
     test_cl_frame) ;;                                  # whole frame sets take hours, by the kernels of the others
     *) return 1 ;;
@@ -44,5 +46,5 @@ for program in "$b"/tests/unit/test_cl_*; do
     [[ -x $program && $program != *.* ]] || continue
     check "${program##*/}" clean "${program##*/}"; programs=$((programs + 1))
 done
-check there_are_some [ $programs -ge 8 ]
+check there_are_some [ $programs -ge 10 ]
 exit $rc
