@@ -5,7 +5,7 @@ name=116
 . "$(dirname "$0")/lib.sh"
 shim=$b/tests/opencl
 [ -e "$shim/libOpenCL.so.1" ] || { echo "FAIL $name: $shim/libOpenCL.so.1 is not there: make test builds it"; exit 1; }
-export POCL_CACHE_DIR=$b/tests/opencl/cache # of all tests: pocl compiles slowly
+export POCL_CACHE_DIR=$shim/cache # of all tests: pocl compiles slowly
 mkdir -p "$POCL_CACHE_DIR" "$dir/none"
 echo > "$dir/none/libOpenCL.so.1" # a library that cannot be loaded
 top=$PWD
