@@ -18,6 +18,7 @@ export PYROVOX_BUILD=$PWD/$b
 export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1} LSAN_OPTIONS=${LSAN_OPTIONS:-suppressions=$PWD/tests/lsan.supp:print_suppressions=0}
 export UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
 export TSAN_OPTIONS=${TSAN_OPTIONS:-halt_on_error=1:suppressions=$PWD/tests/tsan.supp}
+export PYROVOX_OPENCL_PATIENCE=600 # a busy machine is no device that hangs
 export OPENCV_OPENCL_DEVICE=disabled # it would start the threads of pocl, which the tests of recon/opencl need
 log=$b/test.log notes=$(mktemp -d)
 trap 'rm -rf "$notes"' EXIT

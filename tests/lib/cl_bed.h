@@ -22,6 +22,7 @@ static inline void cl_bed_begin(void)
     if (pvx_mkdirs(cache, &d) != PVX_OK)
         exit(1);
     setenv("POCL_CACHE_DIR", cache, 1);
+    setenv("PYROVOX_OPENCL_PATIENCE", "600", 0); /* a busy machine is no device that hangs */
     unsetenv("PYROVOX_CACHE");
     unsetenv("XDG_CACHE_HOME");
     unsetenv("HOME");
