@@ -7,14 +7,6 @@
 
 /* ---- blend.c --------------------------------------------------------------------------------------*/
 
-static void ops_sums(const struct rec_cl_at *t, size_t groups, size_t n, double (*out)[4])
-{
-    uint32_t each[3];
-    for (size_t i = 0; i < n; i++)
-        each[i] = (uint32_t)groups;
-    (void)rec_cl_sums(t->q, each, n, out); /* lost: all 0 */
-}
-
 static void ops_colours(const struct rec_pcg *v, const double c[4], double xs[4], double ss[4],
                         double xx[4])
 {
@@ -23,7 +15,7 @@ static void ops_colours(const struct rec_pcg *v, const double c[4], double xs[4]
     double sum[3][4];
     REC_CL_COLUMNS(&t, REC_CL_K_BLEND_COLOURS, REC_CL_VALUE(t.n), REC_CL_VALUE(by),
                    REC_CL_VECTOR(&t, v->x), REC_CL_TO_PARTS(&t));
-    ops_sums(&t, t.columns, 3, sum);
+    rec_cl_sums_of(&t, t.columns, 3, sum);
     memcpy(xs, sum[0], LANES);
     memcpy(ss, sum[1], LANES);
     memcpy(xx, sum[2], LANES);
@@ -40,7 +32,7 @@ static void ops_blend(const struct rec_pcg *v, struct rec_pcg *one, const double
                 REC_CL_VALUE(by), REC_CL_VECTOR(&t, v->pb->b), REC_CL_VECTOR(&t, v->r),
                 REC_CL_VECTOR(&t, one->pb->b), REC_CL_VECTOR(&t, one->r), REC_CL_VECTOR(&t, one->q),
                 REC_CL_TO_PARTS(&t));
-    ops_sums(&t, t.rows, 1, (double(*)[4])rwr);
+    rec_cl_sums_of(&t, t.rows, 1, (double(*)[4])rwr);
 }
 
 static void ops_tint(const struct rec_pcg *v, const double c[4], double sum[4], double all[4])
@@ -50,7 +42,7 @@ static void ops_tint(const struct rec_pcg *v, const double c[4], double sum[4], 
     double both[2][4];
     REC_CL_COLUMNS(&t, REC_CL_K_BLEND_TINT, REC_CL_VALUE(t.n), REC_CL_VALUE(by),
                    REC_CL_VECTOR(&t, v->x), REC_CL_TO_PARTS(&t));
-    ops_sums(&t, t.columns, 2, both);
+    rec_cl_sums_of(&t, t.columns, 2, both);
     memcpy(sum, both[0], LANES);
     memcpy(all, both[1], LANES);
 }

@@ -88,6 +88,14 @@ static inline int rec_cl_per_channel(const rec_problem *pb)
     return pb->in.per_channel;
 }
 
+/* The first n sums of one kernel, n <= 4, over its groups; lost: all 0. */
+static inline void rec_cl_sums_of(const struct rec_cl_at *t, size_t groups, size_t n,
+                                  double (*out)[4])
+{
+    const uint32_t of = (uint32_t)groups, each[4] = {of, of, of, of};
+    (void)rec_cl_sums(t->q, each, n, out);
+}
+
 /* ops_problem.c */
 void rec_cl_load(rec_problem *pb, struct rec_card_load *out);
 void rec_cl_residual(rec_problem *pb, const float *x, float *r, float *wr, double rwr[4]);

@@ -5,15 +5,6 @@
 
 #define LANES sizeof(double[4])
 
-/* The sums of one kernel over bins or columns. */
-static void problem_sums(const struct rec_cl_at *t, size_t groups, size_t n, double (*out)[4])
-{
-    uint32_t each[4];
-    for (size_t i = 0; i < n; i++)
-        each[i] = (uint32_t)groups;
-    (void)rec_cl_sums(t->q, each, n, out); /* lost: all 0 */
-}
-
 void rec_cl_load(rec_problem *pb, struct rec_card_load *out)
 {
     const struct rec_cl_at t = rec_cl_at(pb->a);
@@ -25,7 +16,7 @@ void rec_cl_load(rec_problem *pb, struct rec_card_load *out)
                 REC_CL_BUFFER(four ? &a->w4 : &a->w), REC_CL_VALUE(four), REC_CL_VECTOR(&t, pb->b),
                 REC_CL_VECTOR(&t, pb->w), REC_CL_VECTOR(&t, four ? pb->w4 : pb->w),
                 REC_CL_TO_PARTS(&t));
-    problem_sums(&t, t.rows, 4, sum);
+    rec_cl_sums_of(&t, t.rows, 4, sum);
     *out = (struct rec_card_load){.norm2 = sum[0][0], .rows = sum[0][1], .ones = sum[0][2]};
     memcpy(out->light, sum[1], LANES);
     memcpy(out->measured, sum[2], LANES);
@@ -42,7 +33,7 @@ static void problem_residual(rec_problem *pb, const float *x, float *r, float *w
     REC_CL_ROWS(&t, REC_CL_K_PROBLEM_RESIDUAL, REC_CL_BINS(&t), REC_CL_WEIGHTS(&t, pb, four),
                 REC_CL_VALUE(zero), REC_CL_VECTOR(&t, pb->b), REC_CL_VECTOR(&t, r),
                 REC_CL_VECTOR(&t, wr), REC_CL_TO_PARTS(&t));
-    problem_sums(&t, t.rows, 1, (double(*)[4])rwr);
+    rec_cl_sums_of(&t, t.rows, 1, (double(*)[4])rwr);
 }
 void rec_cl_residual(rec_problem *pb, const float *x, float *r, float *wr, double rwr[4])
 {
@@ -70,7 +61,7 @@ void rec_cl_square(rec_problem *pb, const float *x, double out[4])
     const struct rec_cl_at t = rec_cl_at(pb->a);
     REC_CL_COLUMNS(&t, REC_CL_K_PROBLEM_SQUARE, REC_CL_VALUE(t.n), REC_CL_VECTOR(&t, x),
                    REC_CL_TO_PARTS(&t));
-    problem_sums(&t, t.columns, 1, (double(*)[4])out);
+    rec_cl_sums_of(&t, t.columns, 1, (double(*)[4])out);
 }
 
 void rec_cl_fit(rec_problem *pb, const float *r, double fit[4], double size[4])
@@ -80,7 +71,7 @@ void rec_cl_fit(rec_problem *pb, const float *r, double fit[4], double size[4])
     double sum[2][4];
     REC_CL_ROWS(&t, REC_CL_K_PROBLEM_FIT, REC_CL_BINS(&t), REC_CL_WEIGHTS(&t, pb, four),
                 REC_CL_VECTOR(&t, pb->b), REC_CL_VECTOR(&t, r), REC_CL_TO_PARTS(&t));
-    problem_sums(&t, t.rows, 2, sum);
+    rec_cl_sums_of(&t, t.rows, 2, sum);
     memcpy(fit, sum[0], LANES);
     memcpy(size, sum[1], LANES);
 }
@@ -96,7 +87,7 @@ void rec_cl_scale(rec_problem *pb, const float scale[4], float *x, float *r, flo
     REC_CL_ROWS(&t, REC_CL_K_PROBLEM_SCALE_ROWS, REC_CL_BINS(&t), REC_CL_WEIGHTS(&t, pb, four),
                 REC_CL_VALUE(by), REC_CL_VECTOR(&t, pb->b), REC_CL_VECTOR(&t, r),
                 REC_CL_VECTOR(&t, wr), REC_CL_TO_PARTS(&t));
-    problem_sums(&t, t.rows, 1, (double(*)[4])rwr);
+    rec_cl_sums_of(&t, t.rows, 1, (double(*)[4])rwr);
 }
 
 void rec_cl_diagonal(rec_problem *pb, double *sum, double *chord)
@@ -106,7 +97,7 @@ void rec_cl_diagonal(rec_problem *pb, double *sum, double *chord)
     double out[2][4];
     rec_cl_column_norms(t.q, t.a, rec_cl_twin_of(t.s, pb->w), rec_cl_twin_of(t.s, pb->column),
                         &groups);
-    problem_sums(&t, groups, 2, out);
+    rec_cl_sums_of(&t, groups, 2, out);
     *sum = out[0][0];
     *chord = out[1][0];
 }
@@ -120,7 +111,7 @@ void rec_cl_differences(rec_problem *pb, double first[4], double second[4], doub
     REC_CL_ROWS(&t, REC_CL_K_PROBLEM_DIFFERENCES, REC_CL_BINS(&t), REC_CL_BUFFER(&a->is_row),
                 REC_CL_BUFFER(&a->b), REC_CL_BUFFER(four ? &a->w4 : &a->w),
                 REC_CL_BUFFER(four ? &a->w4 : &a->w), REC_CL_VALUE(four), REC_CL_TO_PARTS(&t));
-    problem_sums(&t, t.rows, 3, sum);
+    rec_cl_sums_of(&t, t.rows, 3, sum);
     memcpy(first, sum[0], LANES);
     memcpy(second, sum[1], LANES);
     *blocks = sum[2][0];

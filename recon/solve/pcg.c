@@ -331,22 +331,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                                      .gain = auto_stop ? 0.5 * (double)p->tolerance : STILL,
                                      .still = auto_stop ? (double)p->tolerance : 0};
     struct rec_pcg_passes table;
-    struct pcg_run s = {.t = {.pb = pb,
-                              .smooth = {.run = pb->run, .diag2 = pb->diag2},
-                              .stiff = pb->stiff,
-                              .x = x,
-                              .next = pb->xv[0],
-                              .phi = pb->xv[1],
-                              .phi_old = pb->xv[2],
-                              .d = pb->xv[3],
-                              .lx = pb->xv[4],
-                              .ar = pb->xv[5],
-                              .expect = pb->expect,
-                              .lhat = pb->xv[REC_XV_LHAT],
-                              .scale = pb->xv[7],
-                              .r = pb->yv[0],
-                              .q = pb->yv[1],
-                              .pass = &table}};
+    struct pcg_run s = {.t = rec_pcg_of(pb, x, &table)};
     struct rec_pcg *t = &s.t;
     double lit[4];
 

@@ -208,23 +208,9 @@ static inline void bed_carve(struct bed *b)
     T_OK(memcmp(b->col, f->col, (size_t)f->sub->n * sizeof *f->col) == 0);
 }
 
-/* As rec_solve_pcg has them. */
 static inline struct rec_pcg bed_pcg(const struct bed *b, rec_problem *pb, float *x)
 {
-    struct rec_pcg t = {.pb = pb,
-                        .smooth = {.run = pb->run, .diag2 = pb->diag2},
-                        .stiff = pb->stiff,
-                        .x = x,
-                        .next = pb->xv[0],
-                        .phi = pb->xv[1],
-                        .phi_old = pb->xv[2],
-                        .d = pb->xv[3],
-                        .lx = pb->xv[4],
-                        .ar = pb->xv[5],
-                        .scale = pb->xv[7],
-                        .r = pb->yv[0],
-                        .q = pb->yv[1],
-                        .pass = &b->table};
+    struct rec_pcg t = rec_pcg_of(pb, x, &b->table);
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
     return t;
 }

@@ -34,16 +34,7 @@ static void parts_new(struct parts *p)
         p->y.x[i] = i % 4 < 3 && i / 4 % 3 != 0 ? (float)fabs(t_normal()) : 0;
     T_OK(rec_problem_load(pb, p->y.a, &in));
     rec_problem_weigh(pb, -1);
-    p->t = (struct rec_pcg){.pb = pb,
-                            .x = p->y.x,
-                            .next = pb->xv[0],
-                            .phi = pb->xv[1],
-                            .phi_old = pb->xv[2],
-                            .d = pb->xv[3],
-                            .lx = pb->xv[4],
-                            .ar = pb->xv[5],
-                            .r = pb->yv[0],
-                            .q = pb->yv[1]};
+    p->t = rec_pcg_of(pb, p->y.x, NULL);
     for (int l = 0; l < 3; l++)
         p->t.lambda[l] = pb->lambda[l] * (1 + l);
     double most = 0;

@@ -59,6 +59,14 @@ static inline int tile_camera(__constant const struct rec_cl_geometry *g, uint t
         c++;
     return c;
 }
+/* The camera of a row. */
+static inline int row_camera(__constant const struct rec_cl_geometry *g, int row)
+{
+    int c = 0;
+    while (c + 1 < g->cameras && row >= g->camera[c + 1].row0)
+        c++;
+    return c;
+}
 /* The row of bin i of a tile; -1: it is beside the picture. */
 static inline int tile_bin(__constant const struct rec_cl_geometry *g, uint tile, uint i)
 {

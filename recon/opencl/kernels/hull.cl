@@ -35,7 +35,7 @@ static inline uint count_bits(ulong bits)
 /* ---- tables --------------------------------------------------------------------------------------*/
 
 static inline __global uint *table_row(__constant const struct rec_cl_geometry *g, uint pad, __global uint *sat, uint c,
-                                uint y)
+                                       uint y)
 {
     return sat + ((size_t)g->camera[c].row0 + (size_t)c * pad + (size_t)(y + 1) * (uint)(g->camera[c].bw + 1) + 1);
 }

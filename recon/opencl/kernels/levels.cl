@@ -152,28 +152,25 @@ __kernel MANY void levels_entries(uint groups, __global const double4 *restrict 
 
 /* ---- pictures ------------------------------------------------------------------------------------*/
 
-/* The item's bin in tile t: its number, -1: beyond the picture.  The bins of the finest level under it: `high` rows of
- * `wide` bins, `pitch` apart. */
+/* The item's bin in the group's tile: its number, -1: beyond the picture, or in a tile without rows.  The bins of the
+ * finest level under it: `high` rows of `wide` bins, `pitch` apart. */
 struct patch {
     int first, wide, high, pitch;
 };
-static inline int patch_of(__constant const struct rec_cl_geometry *g, __constant const struct rec_cl_geometry *fine, int shift,
-                    int t, struct patch *p)
+static inline int my_patch(__constant const struct rec_cl_geometry *g, __constant const struct rec_cl_geometry *fine,
+                           int shift, __global const uint *rows, struct patch *p)
 {
-    int i = (int)get_local_id(0), c = 0;
-    while (c + 1 < g->cameras && t >= g->camera[c + 1].tile0)
-        c++;
-    t -= g->camera[c].tile0;
-    int x = t % g->camera[c].tiles * REC_CL_TILE + i % REC_CL_TILE, bw = g->camera[c].bw;
-    int y = t / g->camera[c].tiles * REC_CL_TILE + i / REC_CL_TILE, side = 1 << shift;
-    if (x >= bw || y >= g->camera[c].bh)
+    uint t = (uint)get_group_id(0);
+    int i = rows[t] != 0 ? tile_bin(g, t, (uint)get_local_id(0)) : -1;
+    if (i < 0)
         return -1;
-    int x0 = x << shift, y0 = y << shift, fw = fine->camera[c].bw;
+    int c = tile_camera(g, t), in = i - g->camera[c].row0, bw = g->camera[c].bw, side = 1 << shift;
+    int x0 = in % bw << shift, y0 = in / bw << shift, fw = fine->camera[c].bw;
     p->first = fine->camera[c].row0 + y0 * fw + x0;
     p->wide = min(side, fw - x0);
     p->high = min(side, fine->camera[c].bh - y0);
     p->pitch = fw;
-    return g->camera[c].row0 + y * bw + x;
+    return i;
 }
 
 /* In double, because a device may round quotients of floats less well than the host. */
@@ -190,9 +187,7 @@ __kernel ROW void levels_average(__constant const struct rec_cl_geometry *g,
                                  __global lanes *restrict to_b, __global float *restrict to_w)
 {
     struct patch p;
-    if (rows[get_group_id(0)] == 0)
-        return;
-    int i = patch_of(g, fine, shift, (int)get_group_id(0), &p);
+    int i = my_patch(g, fine, shift, rows, &p);
     if (i < 0)
         return;
     lanes sum = SPLAT(0);
@@ -220,9 +215,7 @@ __kernel ROW void levels_average4(__constant const struct rec_cl_geometry *g,
                                   __global float4 *restrict to_b, __global float4 *restrict to_w)
 {
     struct patch p;
-    if (rows[get_group_id(0)] == 0)
-        return;
-    int i = patch_of(g, fine, shift, (int)get_group_id(0), &p);
+    int i = my_patch(g, fine, shift, rows, &p);
     if (i < 0)
         return;
     float4 sum = 0, weight = 0;

@@ -18,7 +18,7 @@ static inline uint neighbours(__global const int *near, uint room, uint q, uint 
 }
 /* (1) of solve/smooth.h at column q. */
 static inline lanes differences(__global const struct rec_cl_smooth *s, __global const int *near, uint room,
-                         __global const lanes *v, uint q)
+                                __global const lanes *v, uint q)
 {
     uint at[6], have = neighbours(near, room, q, at);
     lanes x = v[at[0]] + v[at[1]], y = v[at[2]] + v[at[3]], z = v[at[4]] + v[at[5]];

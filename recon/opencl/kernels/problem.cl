@@ -140,7 +140,7 @@ __kernel FLAT_ITEMS void problem_square(uint n, __global const lanes *restrict x
 /* Mean of the 2x2 bins at `at`; false where one of them has no weight.  With weights per channel, of those bins that
  * measured a channel; false where one has none. */
 static inline bool mean2x2(__global const lanes *b, __global const float *w, __global const float4 *w4, int per_channel,
-                    int at, int wide, lanes *out)
+                           int at, int wide, lanes *out)
 {
     lanes s = SPLAT(0);
 #if CS == 4
@@ -179,11 +179,10 @@ __kernel FLAT_ITEMS void problem_differences(uint bins, __constant const struct 
     dlanes first = 0, second = 0;
     uint blocks = 0;
     FOR_MINE (e, bins) {
-        int i = bin_of(g, tile, e), c = 0;
+        int i = bin_of(g, tile, e);
         if (i < 0 || !is_row[i])
             continue;
-        while (c + 1 < g->cameras && i >= g->camera[c + 1].row0)
-            c++;
+        int c = row_camera(g, i);
         int wide = g->camera[c].bw, y = (i - g->camera[c].row0) / wide, x = (i - g->camera[c].row0) % wide;
         lanes v, l, u, d, r;
         if (x % 2 != 0 || y % 2 != 0 || x < 2 || y < 2 || x + 3 >= wide || y + 3 >= g->camera[c].bh ||

@@ -12,8 +12,8 @@ static inline bool usable(__global const uchar *is_row, __global const float *w,
 
 /* Adds bin i at (x, y) to the sums of a block: few enough for floats. */
 static inline void add_bin(__constant const struct rec_cl_camera *k, int i, int x, int y, __global const uchar *is_row,
-                    __global const float *given, __global const float *w, __global const lanes *b,
-                    __global const lanes *r, lanes sum[SUMS])
+                           __global const float *given, __global const float *w, __global const lanes *b,
+                           __global const lanes *r, lanes sum[SUMS])
 {
     int x0 = x > 0 && usable(is_row, given, i - 1) ? i - 1 : i;
     int x1 = x + 1 < k->bw && usable(is_row, given, i + 1) ? i + 1 : i;
@@ -94,7 +94,7 @@ __kernel GROUP_ITEMS void selfcal_tiles(__constant const struct rec_cl_geometry 
 
 /* Bin i of the picture at the shifted place; a sample that was not measured counts as the bin's own. */
 static inline lanes shifted(__constant const struct rec_cl_camera *k, __constant const struct rec_cl_shot *s, int i,
-                     __global const uchar *is_row, __global const float *w, __global const lanes *b)
+                            __global const uchar *is_row, __global const float *w, __global const lanes *b)
 {
     int x = (i - k->row0) % k->bw + s->dx - 1, y = (i - k->row0) / k->bw + s->dy - 1;
     lanes sum = SPLAT(0);
@@ -116,11 +116,10 @@ __kernel FLAT_ITEMS void selfcal_correct(uint bins, __constant const struct rec_
                                          __global const float *restrict w, __global lanes *restrict b)
 {
     FOR_MINE (e, bins) {
-        int i = bin_of(g, tile, e), c = 0;
+        int i = bin_of(g, tile, e);
         if (i < 0 || !is_row[i])
             continue;
-        while (c + 1 < g->cameras && i >= g->camera[c + 1].row0)
-            c++;
+        int c = row_camera(g, i);
         __constant const struct rec_cl_shot *s = &shot[c];
         lanes v = s->moved && usable(is_row, w, i) ? shifted(&g->camera[c], s, i, is_row, w, in) : in[i];
         b[i] = v * s->gain;

@@ -68,6 +68,28 @@ static inline struct rec_pcg_bright rec_pcg_bright(const struct rec_pcg *t)
                 : (struct rec_pcg_bright){1, 0};
 }
 
+/* The solver's vectors among the problem's work areas; x, and the loops of rec_pcg_passes_init. */
+static inline struct rec_pcg rec_pcg_of(rec_problem *pb, float *x,
+                                        const struct rec_pcg_passes *pass)
+{
+    return (struct rec_pcg){.pb = pb,
+                            .smooth = {.run = pb->run, .diag2 = pb->diag2},
+                            .stiff = pb->stiff,
+                            .x = x,
+                            .next = pb->xv[0],
+                            .phi = pb->xv[1],
+                            .phi_old = pb->xv[2],
+                            .d = pb->xv[3],
+                            .lx = pb->xv[4],
+                            .ar = pb->xv[5],
+                            .expect = pb->expect,
+                            .lhat = pb->xv[REC_XV_LHAT],
+                            .scale = pb->xv[7],
+                            .r = pb->yv[0],
+                            .q = pb->yv[1],
+                            .pass = pass};
+}
+
 /* Runs a pass on the pool, or on the card where the system is (card.h).  sums: NULL for a pass that has none. */
 void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double sums[3][4]);
 
