@@ -79,8 +79,8 @@ static double samples_of(const struct rec_photo_image *im, int c)
     return samples_of_one(im, c) * (im->pictures > 1 ? (double)im->pictures : 1);
 }
 
-/* (6); 0: no step is to be seen. */
-static double sigma_of_step(const struct rec_photo_image *im, int c, float level, double samples)
+/* The least value of channel c above the level; INFINITY: none. */
+static float least_above(const struct rec_photo_image *im, int c, float level)
 {
     size_t cs = im->nch == 3 ? 4 : 1, n = (size_t)im->bw * (size_t)im->bh;
     float least = INFINITY;
@@ -91,6 +91,14 @@ static double sigma_of_step(const struct rec_photo_image *im, int c, float level
         float b = im->img[i * cs + (size_t)c];
         least = has && b > level && b < least ? b : least;
     }
+    return least;
+}
+
+/* (6); 0: no step is to be seen. */
+static double sigma_of_step(const struct rec_photo_image *im, int c, float level, double samples)
+{
+    const float *known = im->work->above;
+    float least = known != NULL ? known[c] : least_above(im, c, level);
     double step = ((double)least - (double)level) * samples, gain = (double)im->gain[c];
     return step > FINEST * gain && step < COARSEST * gain ? step / sqrt(12 * samples) : 0;
 }
@@ -100,7 +108,7 @@ void rec_clipped_find(const struct rec_photo_image *im, int c)
     struct rec_photo_work *w = im->work;
     struct rec_clipped *out = &w->clipped[c];
     const struct rec_photo_dark *half = &w->half[c];
-    const float level = (0 - im->params->black) * im->gain[c];
+    const float level = rec_clipped_level(im, c);
     double n = samples_of(im, c), mean = (double)half->mean - (double)level;
     double sd = sqrt((double)half->noise2);
     if (im->pictures > 1 && im->noise != NULL && im->noise[c] > 0)

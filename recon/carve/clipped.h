@@ -45,6 +45,11 @@ struct rec_clipped {
     double pedestal;  /* keeps the dark REC_CLIPPED_WANTED s above the level, in samples' units */
 };
 
+/* The value of b at which the samples of a channel are clipped. */
+static inline float rec_clipped_level(const struct rec_photo_image *im, int channel)
+{
+    return (0 - im->params->black) * im->gain[channel];
+}
 /* h^-1 from h(0) to 4, for a work area. */
 void rec_clipped_table(float inverse[REC_CLIPPED_KNOTS]);
 /* Finds (3) of a channel and, where its blacks are clipped, replaces its sigma; after noise was measured. */

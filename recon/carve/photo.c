@@ -5,12 +5,10 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "recon/carve/photo_limits.h"
 #include "recon/carve/photo_pass.h"
 
 const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
-
-#define NOISY       7.5f  /* mean of the lit bins over the noise: below it the flame is faint */
-#define WIDE_MARGIN 1.25f /* false alarms of overlapping squares form groups */
 
 struct rec_photo_work *rec_photo_work_new(int32_t bw, int32_t bh)
 {
@@ -107,39 +105,6 @@ static void levels(void *ctx, size_t task)
         j->pass->plane(im, band);
 }
 
-/* The floor.  It is lower in a dim picture: a share of the brightest bin there. */
-static float photo_least(const struct rec_photo_image *im)
-{
-    const struct rec_photo_params *p = im->params;
-    int32_t bits = 0;
-    float peak;
-    if (p->dim <= 0)
-        return p->floor;
-    for (size_t b = 0; b < rec_band_count(im->bh); b++)
-        bits = im->work->band[b].peak > bits ? im->work->band[b].peak : bits;
-    memcpy(&peak, &bits, sizeof peak);
-    return fminf(p->floor, fmaxf(p->dim * peak, REC_PHOTO_DIMMEST));
-}
-
-/* Thresholds of bins and means. */
-static void set_limits(const struct rec_photo_image *im)
-{
-    const struct rec_photo_params *p = im->params;
-    struct rec_photo_work *w = im->work;
-    bool automatic = p->threshold < 0;
-    float low = im->absent ? p->floor : photo_least(im);
-    w->means = automatic && im->bh >= 5; /* a smaller picture has no faint edges to find */
-    w->limit = w->faint = w->fainter = rec_splat(INFINITY);
-    for (int c = 0; c < im->nch; c++) {
-        w->limit[c] = automatic
-                          ? rec_clipped_before(&w->clipped[c], fmaxf(low, p->auto_k * w->sigma[c]))
-                          : p->threshold;
-        w->faint[c] = w->dark[c] + fmaxf(low, p->auto_k * w->sigma[c] / w->grain.near[c]);
-        w->fainter[c] =
-            w->dark[c] + fmaxf(low, WIDE_MARGIN * p->auto_k * w->sigma[c] / w->grain.wide[c]);
-    }
-}
-
 static void photo_judge(void *ctx, size_t task)
 {
     const struct job *j = ctx;
@@ -149,7 +114,7 @@ static void photo_judge(void *ctx, size_t task)
         j->pass->judge(im, band);
 }
 
-/* Whether the flame is faint: the mean of the lit bins over the noise is below NOISY even in the channel where it is
+/* Whether the flame is faint: the mean of the lit bins over the noise is below REC_PHOTO_NOISY even in the channel where it is
  * largest.  False if nothing is lit. */
 static bool is_noisy(const struct rec_photo_image *im)
 {
@@ -163,7 +128,7 @@ static bool is_noisy(const struct rec_photo_image *im)
     }
     for (int c = 0; c < im->nch && hits > 0; c++)
         best = fmax(best, total[c] / hits / fmax((double)w->sigma[c], 1e-9));
-    return w->means && (float)best > 0 && (float)best < NOISY;
+    return w->means && (float)best > 0 && (float)best < REC_PHOTO_NOISY;
 }
 
 static void photo_widen(void *ctx, size_t task)
@@ -173,14 +138,6 @@ static void photo_widen(void *ctx, size_t task)
     const struct rec_photo_image *im = task_image(j, task, &band);
     if (im != NULL && im->work->noisy)
         j->pass->widen(im, band);
-}
-
-static bool is_clipped(const struct rec_photo_image *im)
-{
-    bool is = false;
-    for (int c = 0; c < im->nch && !im->absent; c++)
-        is |= im->work->clipped[c].is;
-    return is;
 }
 
 static void photo_finish(void *ctx, size_t task)
@@ -230,29 +187,10 @@ static void photo_mend(void *ctx, size_t task)
     const struct job *j = ctx;
     int32_t band, y0, y1;
     const struct rec_photo_image *im = task_image(j, task, &band);
-    if (im == NULL || !is_clipped(im))
+    if (im == NULL || !rec_photo_is_clipped(im))
         return;
     rec_band_rows(band, im->bh, &y0, &y1);
     rec_clipped_mend(im, y0, y1);
-}
-
-static void photo_report(const struct rec_photo_image *im)
-{
-    const struct rec_photo_work *w = im->work;
-    *im->stats = (struct rec_photo_stats){0};
-    if (im->absent)
-        return;
-    for (size_t b = 0; b < rec_band_count(im->bh); b++) {
-        im->stats->lit += w->band[b].lit;
-        im->stats->saturated += w->band[b].saturated;
-        im->stats->not_finite += w->band[b].not_finite;
-    }
-    for (int c = 0; c < im->nch; c++) {
-        im->stats->sigma[c] = w->sigma[c];
-        im->stats->threshold = fmaxf(im->stats->threshold, w->limit[c]);
-        im->stats->cut = fmaxf(im->stats->cut, (float)w->clipped[c].share);
-        im->stats->pedestal = fmaxf(im->stats->pedestal, (float)w->clipped[c].pedestal);
-    }
 }
 
 void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
@@ -263,9 +201,7 @@ void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
     rec_photo_passes_init(&pass, pvx_cpu());
     for (size_t c = 0; c < n; c++) {
         rec_bands_add(&j.bands, im[c].bh);
-        im[c].work->grain = im[c].cell != NULL ? rec_grain_mosaic
-                            : im[c].bayer > 0  ? rec_grain_bayer(im[c].bayer)
-                                               : rec_grain_none;
+        im[c].work->grain = rec_photo_grain(&im[c]);
         j.mosaic |= im[c].cell != NULL;
         margin |= im[c].params->margin > 0;
     }
@@ -273,12 +209,12 @@ void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
     pvx_pool_run(pool, bands, linear, &j);
     pvx_pool_run(pool, 3 * n + (j.mosaic ? bands : 0), levels, &j);
     for (size_t c = 0; c < n; c++)
-        set_limits(&im[c]);
+        rec_photo_set_limits(&im[c]);
     pvx_pool_run(pool, bands, photo_judge, &j);
     for (size_t c = 0; c < n; c++) {
         im[c].work->noisy = !im[c].absent && is_noisy(&im[c]);
         noisy |= im[c].work->noisy;
-        clipped |= is_clipped(&im[c]);
+        clipped |= rec_photo_is_clipped(&im[c]);
     }
     if (noisy)
         pvx_pool_run(pool, bands, photo_widen, &j);
@@ -288,5 +224,5 @@ void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
     if (clipped)
         pvx_pool_run(pool, bands, photo_mend, &j);
     for (size_t c = 0; c < n; c++)
-        photo_report(&im[c]);
+        rec_photo_report(&im[c]);
 }

@@ -47,6 +47,7 @@ struct rec_photo_work {
         fainter;       /* for a bin and for means over 3x3 and 7x7; lanes without a channel INF */
     bool means, noisy; /* judge means over 3x3; over 7x7 */
     struct rec_clipped clipped[3];
+    const float *above; /* [3] least values above the clip level; NULL: clipped.c looks for them */
     float inverse[REC_CLIPPED_KNOTS];
     struct rec_photo_block block[REC_PHOTO_BLOCKS];
 };
