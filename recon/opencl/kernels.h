@@ -18,7 +18,10 @@
     X(problem)          \
     X(blend)            \
     X(selfcal)          \
-    X(refine)
+    X(refine)           \
+    X(photo)            \
+    X(unpack)           \
+    X(pooled)
 
 /* X(K, kernel, file): its number is REC_CL_K_<K>. */
 #define REC_CL_KERNELS(X)                                \
@@ -80,7 +83,19 @@
     X(SELFCAL_TILES, selfcal_tiles, selfcal)             \
     X(SELFCAL_CORRECT, selfcal_correct, selfcal)         \
     X(REFINE, refine, refine)                            \
-    X(EARLIER, earlier, refine)
+    X(EARLIER, earlier, refine)                          \
+    X(PHOTO_LINEAR, photo_linear, photo)                 \
+    X(PHOTO_BLOCKS, photo_blocks, photo)                 \
+    X(PHOTO_PLANE, photo_plane, photo)                   \
+    X(PHOTO_JUDGE, photo_judge, photo)                   \
+    X(PHOTO_NOISY, photo_noisy, photo)                   \
+    X(PHOTO_WIDEN, photo_widen, photo)                   \
+    X(PHOTO_FINISH, photo_finish, photo)                 \
+    X(PHOTO_GROW_ROWS, photo_grow_rows, photo)           \
+    X(PHOTO_GROW_COLUMNS, photo_grow_columns, photo)     \
+    X(PHOTO_MEND, photo_mend, photo)                     \
+    X(PHOTO_POOL, photo_pool, pooled)                    \
+    X(UNPACK, unpack_bins, unpack)
 
 enum rec_cl_file {
 #define REC_CL_NUMBER(file) REC_CL_FILE_##file,

@@ -46,4 +46,69 @@ struct rec_cl_range {
     unsigned int at, n, group, groups;
 };
 
+/* ---- photometry (photo.cl) ---- */
+
+/* A camera's picture, as far as it is known before its noise is. */
+struct rec_cl_picture {
+    int row0, bw, bh;
+    int band0, bands;  /* number of its first band of rows, and how many there are */
+    int absent;        /* 1: no picture */
+    int mosaic;        /* 1: cell holds */
+    int cell[4];       /* colours of the 2x2 bins that repeat */
+    int background;    /* 1: it has one */
+    int step;          /* of the grain (photo_mosaic.h) */
+    int across, every; /* of blocks (photo_pass.h), and how many are measured */
+    int blocks;
+    float full, black, scale[4]; /* (1) of photo.h */
+    float level[4];              /* of b, at which samples are clipped (clipped.h) */
+};
+/* A band's part of its picture's sums (struct rec_photo_band), and the least value above `level`. */
+struct rec_cl_picture_band {
+    float low[4], above[4];
+    double sum[4];
+    int hits, saturated, not_finite, lit;
+    int peak, none;
+};
+/* A block (struct rec_photo_block). */
+struct rec_cl_picture_block {
+    float mean[4], noise2[4], low[4], at_low[4];
+    int measured;
+};
+/* What the noise decides. */
+struct rec_cl_picture_limits {
+    double level[4], sigma[4], t[4], slope[4], dark[4], cut[4]; /* struct rec_clipped */
+    int is_clipped[4];
+    float limit[4];               /* of a bin */
+    float near[4], near_cap[4];   /* of the sum of 3x3 bins; of a bin in it */
+    float wide[4], wide_cap[4];   /* of 7x7 bins */
+    float noise[4];               /* sigma of the picture */
+    int means, despeckle, margin; /* margin in bins */
+    int clipped;                  /* 1: any channel is */
+};
+
+/* A camera's raw picture (raw.h). */
+struct rec_cl_raw_picture {
+    unsigned int at, stride; /* bytes: where it begins, from row to row */
+    int layout, depth;
+    int width, height, binning;
+    int samples, grey, swapped, rays;
+    int bayer;   /* 1: cell holds */
+    int cell[4]; /* colours of the 2x2 pixels that repeat */
+    unsigned int clip;
+    float full; /* of a sample */
+    float most;
+};
+
+/* A camera's picture on the vote's bins (vote/pooled.c): `side` bins of S along each. */
+struct rec_cl_coarse {
+    int first, wide; /* its first coarse bin; coarse bins in a row */
+    int row0, bw, bh;
+    int side;
+};
+/* vote.h: struct rec_vote_pooled. */
+struct rec_cl_pooled_bin {
+    float value;
+    unsigned int is;
+};
+
 #endif

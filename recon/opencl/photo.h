@@ -1,0 +1,45 @@
+/* photo.h - photometry of a frame set on a device: carve/photo.h to the bit.
+ *
+ *     pixels -> b, weights, forced bins, blocks | noise, limits | silhouettes, clipped blacks mended
+ * What is between the bars is decided on the host, from sums over blocks and bands that come down (27 kB a camera at
+ * most).  So one round trip lies in the middle of it.
+ * Ownership: a carver's.  Threads: one at a time.  After rec_cl_photo_new nothing allocates.  Private to recon. */
+#ifndef REC_CL_PHOTO_H
+#define REC_CL_PHOTO_H
+#include "recon/carve/photo.h"
+#include "recon/opencl/raw.h"
+#include "recon/opencl/run.h"
+
+typedef struct rec_cl_photo rec_cl_photo;
+
+/* Pictures of a frame set, one camera's rows after the other's. */
+struct rec_cl_pictures {
+    struct rec_cl_buffer b;   /* lanes [rows] in: binned pixels, out: b */
+    struct rec_cl_buffer w;   /* float [rows] out */
+    struct rec_cl_buffer w4;  /* float4 [rows] out, of each channel; no buffer: not wanted */
+    struct rec_cl_buffer lit; /* uchar [rows] out */
+};
+
+/* For pictures of the sizes and channels of im [n]; their other members are not read.  raw_bytes: of all raw pictures
+ * of a set, at most; 0: none are raw.
+ * Errors: PVX_ENOMEM, PVX_EUNSUP (diag: what the device cannot do). */
+PVX_MUST_CHECK pvx_err rec_cl_photo_new(rec_cl *cl, const struct rec_photo_image *im, size_t n,
+                                        size_t raw_bytes, rec_cl_photo **out, struct pvx_diag *d);
+void rec_cl_photo_free(rec_cl_photo **p);
+
+/* Background of camera c [bh][bw][cs] from the next set on; NULL: none.  Waits. */
+void rec_cl_photo_background(rec_cl_photo *p, rec_cl_queue *q, size_t c, const float *bg);
+
+/* Raw pictures to binned pixels in to->b, for rec_cl_photo_apply.  raw [cameras]; those without a layout leave b as it
+ * is.  The cameras' pixels are width / binning by height / binning bins.  Their bytes are read until the device has
+ * them: until the next wait.  false, and nothing is done: they have more than raw_bytes. */
+bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
+                         const struct rec_cl_raw *raw, const struct rec_cl_pictures *to);
+
+/* rec_photo_apply for the pictures that were given to ..._new, in `to` instead of im's img, weight, weight4 and lit,
+ * which are not read.  A background is that of rec_cl_photo_background.  Fills im's stats and work.  Waits in its
+ * middle and at its end.  false: the device is lost. */
+bool rec_cl_photo_apply(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
+                        const struct rec_cl_pictures *to, pvx_pool *pool);
+
+#endif
