@@ -159,7 +159,7 @@ static void photo_take(const rec_cl_photo *p, const struct rec_photo_image *im, 
                                              .not_finite = (uint32_t)s->not_finite,
                                              .peak = im->params->dim > 0 ? s->peak : 0};
         memcpy(&w->band[b].low, s->low, sizeof w->band[b].low);
-        for (int l = 0; l < im->nch; l++)
+        for (int l = 0; l < 3 && l < im->nch; l++)
             above[l] = fminf(above[l], s->above[l]);
     }
     for (int32_t m = 0; m < p->shots[c].blocks; m++) {
