@@ -141,3 +141,47 @@ static inline uint sum_before(uint v, __local uint *sum, uint *all)
     barrier(CLK_LOCAL_MEM_FENCE);
     return before;
 }
+
+/* ---- pictures in bands (photo.cl, lit.cl, unpack.cl) ---- */
+
+#define BAND_ROWS 16 /* bands.h: REC_BAND_ROWS */
+#define UNLIT     0  /* photo_pass.h */
+#define LIT       1
+#define FORCED    2
+
+#if CS == 4
+#define ANY(m)      any(m)
+#define LANES_OF(v) vload4(0, v)
+#else
+#define ANY(m)      ((m) != 0)
+#define LANES_OF(v) ((v)[0])
+#endif
+
+/* The band of a group: its camera, first row and number of bins. */
+struct strip {
+    int camera, y0, bins;
+};
+static inline struct strip strip_of(__global const struct rec_cl_picture *shot, __global const int2 *band)
+{
+    int2 b = band[get_group_id(0)];
+    int rows = min(BAND_ROWS, shot[b.x].bh - b.y);
+    return (struct strip){b.x, b.y, rows * shot[b.x].bw};
+}
+
+/* Of what FLAT items have: the sums of x, y, z and the greatest w; for all of them. */
+static inline int4 count_group(int4 v, __local int4 *tree)
+{
+    int i = (int)get_local_id(0);
+    tree[i] = v;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int reach = FLAT / 2; reach > 0; reach /= 2) {
+        if (i < reach) {
+            int4 a = tree[i], b = tree[i + reach];
+            tree[i] = (int4)(a.xyz + b.xyz, max(a.w, b.w));
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    v = tree[0];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    return v;
+}

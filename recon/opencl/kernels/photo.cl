@@ -1,37 +1,25 @@
-/* photo.cl - photometry: the loops of carve/photo_pass_impl.h and clipped.c on a card.
+/* photo.cl - photometry: the pixels to b, and what noise is measured by, as carve/photo_pass_impl.h has it.
  *
  * Every value has the bits that it has on the host: operations on a bin are the same in the same order, sums too, and
  * quotients of floats are taken in double and rounded once, which gives the exact quotient's float.
  * A group works on a band of 16 rows of one picture, its items on neighbouring bins.
  * band: camera and first row of each band.  raw: UNLIT, LIT or FORCED for each bin. */
-#define BAND_ROWS 16 /* bands.h: REC_BAND_ROWS */
-#define BLOCK     8  /* photo_pass.h: REC_PHOTO_BLOCK */
-#define BLOCKS    400
-#define UNLIT     0
-#define LIT       1
-#define FORCED    2
-#define LIMIT     1e9f /* photo.h: REC_PHOTO_LIMIT */
-#define NOISY     7.5f /* photo_limits.h: REC_PHOTO_NOISY */
-#define KNOTS     512  /* clipped.h: REC_CLIPPED_KNOTS */
-#define NEAR      0.398942280401432678
-#define FAR       4.0
+#define BLOCK  8 /* photo_pass.h: REC_PHOTO_BLOCK */
+#define BLOCKS 400
+#define LIMIT  1e9f /* photo.h: REC_PHOTO_LIMIT */
 
 #if CS == 4
-#define ANY(m)       any(m)
 #define ALWAYS(m)    ((int4)(-(m)))
-#define LANES_OF(v)  vload4(0, v)
 #define TO_FOUR(v)   (v)
 #define BRIGHTEST(v) max(max(as_int4(v).x, as_int4(v).y), max(as_int4(v).z, as_int4(v).w))
 #else
-#define ANY(m)       ((m) != 0)
 #define ALWAYS(m)    (m)
-#define LANES_OF(v)  ((v)[0])
 #define TO_FOUR(v)   ((float4)(v, INFINITY, INFINITY, INFINITY))
 #define BRIGHTEST(v) as_int(v)
 #endif
 
 /* The lanes that bin (x, y) measures. */
-inline ilanes measured(__global const struct rec_cl_picture *im, int x, int y)
+static inline ilanes measured(__global const struct rec_cl_picture *im, int x, int y)
 {
 #if CS == 4
     if (im->mosaic) {
@@ -44,19 +32,8 @@ inline ilanes measured(__global const struct rec_cl_picture *im, int x, int y)
 #endif
 }
 
-/* The band of a group: its camera, first row and number of bins. */
-struct strip {
-    int camera, y0, bins;
-};
-inline struct strip strip_of(__global const struct rec_cl_picture *shot, __global const int2 *band)
-{
-    int2 b = band[get_group_id(0)];
-    int rows = min(BAND_ROWS, shot[b.x].bh - b.y);
-    return (struct strip){b.x, b.y, rows * shot[b.x].bw};
-}
-
-/* The least, the sum and the greatest of what the items of a group have; for all of them. */
-inline float4 least_of_group(float4 v, __local float4 *tree)
+/* The least of what the items of a group have; for all of them. */
+static inline float4 least_of_group(float4 v, __local float4 *tree)
 {
     int i = (int)get_local_id(0);
     tree[i] = v;
@@ -70,24 +47,6 @@ inline float4 least_of_group(float4 v, __local float4 *tree)
     barrier(CLK_LOCAL_MEM_FENCE);
     return v;
 }
-/* x, y, z: sums; w: the greatest. */
-inline int4 count_group(int4 v, __local int4 *tree)
-{
-    int i = (int)get_local_id(0);
-    tree[i] = v;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int reach = FLAT / 2; reach > 0; reach /= 2) {
-        if (i < reach) {
-            int4 a = tree[i], b = tree[i + reach];
-            tree[i] = (int4)(a.xyz + b.xyz, max(a.w, b.w));
-        }
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    v = tree[0];
-    barrier(CLK_LOCAL_MEM_FENCE);
-    return v;
-}
-
 /* ---- pixels to b ---- */
 
 /* (1) of photo.h.  b: binned pixels, then b.  weight4: of each channel, where `per_channel`. */
@@ -147,7 +106,7 @@ __kernel void photo_linear(__global const struct rec_cl_picture *restrict shot,
 /* ---- noise ---- */
 
 /* a / b as the float nearest to the exact quotient; 0/0 is NaN. */
-inline lanes quotient(lanes a, lanes b)
+static inline lanes quotient(lanes a, lanes b)
 {
 #if CS == 4
     return convert_float4(convert_double4(a) / convert_double4(b));
@@ -169,7 +128,7 @@ struct column {
 #endif
 
 /* Column x of a block whose rows are [y0, y1) and whose columns end at x1. */
-inline struct column add_column(__global const struct rec_cl_picture *im, __global const lanes *b,
+static inline struct column add_column(__global const struct rec_cl_picture *im, __global const lanes *b,
                                 __global const float *weight, int x, int x1, int y0, int y1)
 {
     struct column c = {SPLAT(0), SPLAT(0), SPLAT(INFINITY), (ilanes)(0), (ilanes)(0), (ilanes)(0)};
@@ -192,7 +151,7 @@ inline struct column add_column(__global const struct rec_cl_picture *im, __glob
     }
     return c;
 }
-inline ilanes count_low(__global const struct rec_cl_picture *im, __global const lanes *b,
+static inline ilanes count_low(__global const struct rec_cl_picture *im, __global const lanes *b,
                         __global const float *weight, int x, int x1, int y0, int y1, lanes low)
 {
     ilanes n = 0;
@@ -254,11 +213,9 @@ __kernel void photo_blocks(__global const struct rec_cl_picture *restrict shot,
 #endif
 }
 
-/* ---- silhouettes ---- */
-
 #if CS == 4
 /* (2) of photo.h, mirrored at the border. */
-inline float4 down(__global const float4 *b, const int *row, int x)
+static inline float4 down(__global const float4 *b, const int *row, int x)
 {
     return b[row[0] + x] + 2 * b[row[1] + x] + b[row[2] + x];
 }
@@ -283,230 +240,4 @@ __kernel void photo_plane(__global const struct rec_cl_picture *restrict shot,
             scale * (down(b, row, left) + 2 * down(b, row, x) + down(b, row, right));
     }
 #endif
-}
-
-/* The sum over side x side bins about (x, y), each at most cap: down the columns first, then across. */
-inline lanes square(__global const lanes *pic, int bw, int x, int y, int side, lanes cap)
-{
-    lanes all = SPLAT(0);
-    for (int u = 0; u < side; u++) {
-        __global const lanes *at = pic + (y - side / 2) * bw + x - side / 2 + u;
-        lanes s = select(cap, at[0], at[0] < cap);
-        for (int v = 1; v < side; v++)
-            s += select(cap, at[v * bw], at[v * bw] < cap);
-        all = u == 0 ? s : all + s;
-    }
-    return all;
-}
-inline bool is_inside(__global const struct rec_cl_picture *im, int x, int y, int reach)
-{
-    return x >= reach && y >= reach && x + reach < im->bw && y + reach < im->bh;
-}
-
-/* Bins that reach `limit` and means over 3x3 that reach `near`; sum and hits.  The items test FLAT bins at a time, and
- * an item a lane adds the hits in their order. */
-__kernel void photo_judge(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_picture_limits *restrict limits,
-                          __global const int2 *restrict band, __global const lanes *restrict b,
-                          __global const lanes *restrict plane, __global uchar *restrict raw,
-                          __global struct rec_cl_picture_band *restrict out)
-{
-    __local lanes value[FLAT];
-    __local uint lit[FLAT / 4]; /* four bins in each */
-    const struct strip s = strip_of(shot, band);
-    __global const struct rec_cl_picture *im = &shot[s.camera];
-    __global const struct rec_cl_picture_limits *t = &limits[s.camera];
-    const lanes limit = LANES_OF(t->limit), near = LANES_OF(t->near);
-    const lanes cap = LANES_OF(t->near_cap);
-    __global const lanes *img = b + im->row0, *pic = im->mosaic ? plane + im->row0 : img;
-    const int item = (int)get_local_id(0);
-    double sum = 0;
-    int hits = 0;
-    for (int from = 0; from < s.bins && !im->absent; from += FLAT) {
-        const int k = from + item, x = k % im->bw, y = s.y0 + k / im->bw;
-        const int i = s.y0 * im->bw + k;
-        bool hit = false;
-        if (k < s.bins) {
-            ilanes h = (img[i] >= limit) | (pic[i] >= limit);
-            if (t->means && is_inside(im, x, y, 1))
-                h |= square(pic, im->bw, x, y, 3, cap) >= near;
-            hit = ANY(h);
-            value[item] = pic[i];
-            if (hit)
-                raw[im->row0 + i] |= LIT;
-        }
-        ((__local uchar *)lit)[item] = hit;
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (int w = 0; w < FLAT / 4 && item < CS; w++) {
-            const uint four = lit[w];
-            for (int u = 0; u < 4 && four != 0; u++)
-                if (four >> 8 * u & 1) {
-                    sum += (double)((__local float *)value)[(4 * w + u) * CS + item];
-                    hits++;
-                }
-        }
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    if (item < CS)
-        out[get_group_id(0)].sum[item] = sum;
-    if (item == 0)
-        out[get_group_id(0)].hits = hits;
-}
-
-/* Whether flames are faint (is_noisy in carve/photo.c).  An item a camera. */
-__kernel void photo_noisy(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_picture_limits *restrict limits, int cameras,
-                          __global const struct rec_cl_picture_band *restrict band,
-                          __global int *restrict noisy)
-{
-    const int c = (int)get_global_id(0);
-    double total[3] = {0, 0, 0}, best = 0;
-    uint hits = 0;
-    if (c >= cameras)
-        return;
-    for (int k = 0; k < shot[c].bands && !shot[c].absent; k++) {
-        __global const struct rec_cl_picture_band *o = &band[shot[c].band0 + k];
-        hits += (uint)o->hits;
-        for (int l = 0; l < min(CS, 3); l++)
-            total[l] += o->sum[l];
-    }
-    for (int l = 0; l < min(CS, 3) && hits > 0; l++)
-        best = fmax(best, total[l] / hits / fmax((double)limits[c].noise[l], 1e-9));
-    noisy[c] = limits[c].means && (float)best > 0 && (float)best < NOISY;
-}
-
-/* Means over 7x7 that reach `wide`, of faint flames. */
-__kernel void photo_widen(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_picture_limits *restrict limits,
-                          __global const int2 *restrict band, __global const int *restrict noisy,
-                          __global const lanes *restrict b, __global const lanes *restrict plane,
-                          __global uchar *restrict raw)
-{
-    const struct strip s = strip_of(shot, band);
-    __global const struct rec_cl_picture *im = &shot[s.camera];
-    __global const struct rec_cl_picture_limits *t = &limits[s.camera];
-    const lanes wide = LANES_OF(t->wide), cap = LANES_OF(t->wide_cap);
-    __global const lanes *pic = (im->mosaic ? plane : b) + im->row0;
-    for (int k = (int)get_local_id(0); k < s.bins && noisy[s.camera]; k += FLAT) {
-        const int x = k % im->bw, y = s.y0 + k / im->bw;
-        if (is_inside(im, x, y, 3) && ANY(square(pic, im->bw, x, y, 7, cap) >= wide))
-            raw[im->row0 + s.y0 * im->bw + k] |= LIT;
-    }
-}
-
-/* Bins that are not unlit among the 3x3 about (x, y). */
-inline int lit_near(__global const uchar *raw, int bw, int bh, int x, int y)
-{
-    int n = 0;
-    for (int v = max(y - 1, 0); v <= min(y + 1, bh - 1); v++)
-        for (int u = max(x - 1, 0); u <= min(x + 1, bw - 1); u++)
-            n += raw[v * bw + u] != UNLIT;
-    return n;
-}
-
-/* raw to 0 and 1, without lone bins where `despeckle`: to `clean` where silhouettes are grown, else to `lit`. */
-__kernel void photo_finish(__global const struct rec_cl_picture *restrict shot,
-                           __global const struct rec_cl_picture_limits *restrict limits,
-                           __global const int2 *restrict band, __global const uchar *restrict raw,
-                           __global uchar *restrict clean, __global uchar *restrict lit,
-                           __global struct rec_cl_picture_band *restrict out)
-{
-    __local int4 counts[FLAT];
-    const struct strip s = strip_of(shot, band);
-    __global const struct rec_cl_picture *im = &shot[s.camera];
-    __global const struct rec_cl_picture_limits *t = &limits[s.camera];
-    __global uchar *to = (t->margin > 0 ? clean : lit) + im->row0;
-    int n = 0;
-    for (int k = (int)get_local_id(0); k < s.bins && !im->absent; k += FLAT) {
-        const int i = s.y0 * im->bw + k, here = raw[im->row0 + i];
-        const bool lone = t->despeckle && here == LIT &&
-                          lit_near(raw + im->row0, im->bw, im->bh, k % im->bw, i / im->bw) < 3;
-        to[i] = here != UNLIT && !lone; /* forced stays */
-        n += here != UNLIT && !lone;
-    }
-    n = count_group((int4)(n, 0, 0, 0), counts).x;
-    if (get_local_id(0) == 0)
-        out[get_group_id(0)].lit = n;
-}
-
-/* Square dilation by the margin: rows of `clean` to raw, which is not needed any more, then columns of raw to lit. */
-__kernel void photo_grow_rows(__global const struct rec_cl_picture *restrict shot,
-                              __global const struct rec_cl_picture_limits *restrict limits,
-                              __global const int2 *restrict band,
-                              __global const uchar *restrict clean, __global uchar *restrict raw)
-{
-    const struct strip s = strip_of(shot, band);
-    __global const struct rec_cl_picture *im = &shot[s.camera];
-    const int r = limits[s.camera].margin;
-    for (int k = (int)get_local_id(0); k < s.bins && r > 0 && !im->absent; k += FLAT) {
-        const int x = k % im->bw, row = im->row0 + s.y0 * im->bw + k - x;
-        uchar any_lit = 0;
-        for (int u = max(x - r, 0); u <= min(x + r, im->bw - 1); u++)
-            any_lit |= clean[row + u];
-        raw[row + x] = any_lit;
-    }
-}
-__kernel void photo_grow_columns(__global const struct rec_cl_picture *restrict shot,
-                                 __global const struct rec_cl_picture_limits *restrict limits,
-                                 __global const int2 *restrict band,
-                                 __global const uchar *restrict raw, __global uchar *restrict lit,
-                                 __global struct rec_cl_picture_band *restrict out)
-{
-    __local int4 counts[FLAT];
-    const struct strip s = strip_of(shot, band);
-    __global const struct rec_cl_picture *im = &shot[s.camera];
-    const int r = limits[s.camera].margin;
-    int n = 0;
-    for (int k = (int)get_local_id(0); k < s.bins && r > 0 && !im->absent; k += FLAT) {
-        const int x = k % im->bw, y = s.y0 + k / im->bw;
-        uchar any_lit = 0;
-        for (int v = max(y - r, 0); v <= min(y + r, im->bh - 1); v++)
-            any_lit |= raw[im->row0 + v * im->bw + x];
-        lit[im->row0 + y * im->bw + x] = any_lit;
-        n += any_lit;
-    }
-    n = count_group((int4)(n, 0, 0, 0), counts).x;
-    if (get_local_id(0) == 0 && r > 0)
-        out[get_group_id(0)].lit = n;
-}
-
-/* ---- clipped blacks ---- */
-
-/* h^-1 of x (clipped.c). */
-inline double clipped_inverse(__global const float *inverse, double x)
-{
-    const double u = fmax(0.0, (x - NEAR) / (FAR - NEAR) * (KNOTS - 1));
-    const int k = (int)fmin(u, (double)(KNOTS - 2));
-    const double part = u - (double)k;
-    return (1 - part) * (double)inverse[k] + part * (double)inverse[k + 1];
-}
-
-/* The value above the level without its bias: (4) and (5) of clipped.h. */
-inline double mended(__global const struct rec_cl_picture_limits *t, int c,
-                     __global const float *inverse, double b)
-{
-    if (t->cut[c] < 0)
-        return b > 0 ? b : t->cut[c];
-    if (b < t->dark[c])
-        return t->sigma[c] * t->t[c] + t->slope[c] * (b - t->dark[c]);
-    return b < FAR * t->sigma[c] ? t->sigma[c] * clipped_inverse(inverse, b / t->sigma[c]) : b;
-}
-
-__kernel void photo_mend(__global const struct rec_cl_picture *restrict shot,
-                         __global const struct rec_cl_picture_limits *restrict limits,
-                         __global const int2 *restrict band, __global const float *restrict inverse,
-                         __global const float *restrict weight, __global float *restrict b)
-{
-    const struct strip s = strip_of(shot, band);
-    __global const struct rec_cl_picture *im = &shot[s.camera];
-    __global const struct rec_cl_picture_limits *t = &limits[s.camera];
-    const int own = im->row0 + s.y0 * im->bw;
-    for (int k = (int)get_local_id(0); k < s.bins * CS && t->clipped && !im->absent; k += FLAT) {
-        const int i = k / CS, c = k % CS, x = i % im->bw, y = s.y0 + i / im->bw;
-        const bool has = !im->mosaic || im->cell[(y & 1) * 2 + (x & 1)] == c;
-        if (c == 3 || !t->is_clipped[c] || !has || weight[own + i] == 0)
-            continue;
-        __global float *v = b + (own + i) * CS + c;
-        *v = (float)(t->level[c] + mended(t, c, inverse, (double)*v - t->level[c]));
-    }
 }

@@ -1,8 +1,8 @@
 /* pooled.cl - pictures on the vote's coarse bins, as vote/pooled.c has them, to the bit. */
 #define MEASURED_SHARE 0.75F /* pooled.c: MEASURED */
-#define MEASURED       1     /* vote.h: REC_VOTE_MEASURED */
-#define BRIGHT         2
-#define LIT            4
+#define IS_MEASURED    1     /* vote.h: REC_VOTE_MEASURED */
+#define IS_BRIGHT      2
+#define IS_LIT         4
 
 /* An item a coarse bin.  w: weights, w4 with `per_channel`. */
 __kernel void photo_pool(__global const struct rec_cl_coarse *restrict camera, int cameras, int n,
@@ -58,5 +58,5 @@ __kernel void photo_pool(__global const struct rec_cl_coarse *restrict camera, i
         value += (float)((double)sums[l] / (double)weights[l]); /* the nearest float */
     }
     out[i].value = ok ? value : 0;
-    out[i].is = (ok ? MEASURED : 0) | (bright > 0 ? BRIGHT : 0) | (any_lit ? LIT : 0);
+    out[i].is = (ok ? IS_MEASURED : 0) | (bright > 0 ? IS_BRIGHT : 0) | (any_lit ? IS_LIT : 0);
 }

@@ -1,7 +1,6 @@
 /* unpack.cl - raw pixels to binned floats: capture/pixel/pixfmt.h for integers of linear light, to the bit.
  *
  * Sums are integers, so their order does not matter.  They are scaled once, as on the host. */
-#define BAND_ROWS 16 /* bands.h: REC_BAND_ROWS */
 
 /* raw.h: enum rec_cl_layout */
 #define LAYOUT_NONE   0
@@ -17,7 +16,7 @@ struct gathered {
 };
 
 /* One sample, as capture/pixel/image.h has its place.  s: of a pixel. */
-inline uint sample(__global const struct rec_cl_raw_picture *r, __global const uchar *raw, int x,
+static inline uint sample(__global const struct rec_cl_raw_picture *r, __global const uchar *raw, int x,
                    int y, int s)
 {
     __global const uchar *row = raw + r->at + (uint)y * r->stride, *t;
@@ -43,7 +42,7 @@ inline uint sample(__global const struct rec_cl_raw_picture *r, __global const u
     return (uint)t[odd] << 4 | (t[2] >> odd * 4 & 15u);
 }
 
-inline void gather(struct gathered *g, uint v, int c, uint weight, uint clip)
+static inline void gather(struct gathered *g, uint v, int c, uint weight, uint clip)
 {
     const int4 here = (int4)(c == 0, c == 1, c == 2, 0) != 0;
     g->saturated |= here & (v >= clip ? (int4)(-1) : (int4)(0));
@@ -51,17 +50,17 @@ inline void gather(struct gathered *g, uint v, int c, uint weight, uint clip)
     g->count += select((uint4)(0), (uint4)(weight), as_uint4(here));
 }
 
-inline int mirrored(int i, int n)
+static inline int mirrored(int i, int n)
 {
     return i < 0 ? -i : i >= n ? 2 * n - 2 - i : i;
 }
-inline int colour(__global const struct rec_cl_raw_picture *r, int x, int y)
+static inline int colour(__global const struct rec_cl_raw_picture *r, int x, int y)
 {
     return r->cell[(y & 1) * 2 + (x & 1)];
 }
 
 /* Not Bayer. */
-inline void gather_bin(__global const struct rec_cl_raw_picture *r, __global const uchar *raw,
+static inline void gather_bin(__global const struct rec_cl_raw_picture *r, __global const uchar *raw,
                        int X, int Y, struct gathered *g)
 {
     const int b = r->binning;
@@ -72,7 +71,7 @@ inline void gather_bin(__global const struct rec_cl_raw_picture *r, __global con
 }
 
 /* Bayer, binning 1: a pixel's own colour is its sample, the others are the means of their samples around it. */
-inline void gather_around(__global const struct rec_cl_raw_picture *r, __global const uchar *raw,
+static inline void gather_around(__global const struct rec_cl_raw_picture *r, __global const uchar *raw,
                           int x, int y, struct gathered *g)
 {
     const int own = colour(r, x, y);
@@ -85,14 +84,14 @@ inline void gather_around(__global const struct rec_cl_raw_picture *r, __global 
 }
 
 /* Along one axis, sample u stands for two pixels about it.  Their overlap with bin X, in half pixels. */
-inline int overlap(int u, int X, int b)
+static inline int overlap(int u, int X, int b)
 {
     return max(0, min(2 * u + 2, 2 * (X + 1) * b - 1) - max(2 * u - 2, 2 * X * b - 1));
 }
 
 /* Bayer, binning 2 and more: the bin's own samples of green; each one of red and blue as far as the four pixels that it
  * stands for lie in the bin. */
-inline void gather_mosaic(__global const struct rec_cl_raw_picture *r, __global const uchar *raw,
+static inline void gather_mosaic(__global const struct rec_cl_raw_picture *r, __global const uchar *raw,
                           int X, int Y, struct gathered *g)
 {
     const int b = r->binning;
@@ -108,7 +107,7 @@ inline void gather_mosaic(__global const struct rec_cl_raw_picture *r, __global 
 }
 
 /* sum / (count full), where 1 / (count full) is the nearest float; NaN: no sample. */
-inline float mean_of(__global const struct rec_cl_raw_picture *r, uint sum, uint count,
+static inline float mean_of(__global const struct rec_cl_raw_picture *r, uint sum, uint count,
                      int saturated)
 {
     const float scale = (float)(1.0 / (double)((float)count * r->full));
