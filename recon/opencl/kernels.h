@@ -20,6 +20,7 @@
     X(selfcal)          \
     X(refine)           \
     X(photo)            \
+    X(lit)              \
     X(unpack)           \
     X(pooled)
 
@@ -87,13 +88,13 @@
     X(PHOTO_LINEAR, photo_linear, photo)                 \
     X(PHOTO_BLOCKS, photo_blocks, photo)                 \
     X(PHOTO_PLANE, photo_plane, photo)                   \
-    X(PHOTO_JUDGE, photo_judge, lit)                   \
-    X(PHOTO_NOISY, photo_noisy, lit)                   \
-    X(PHOTO_WIDEN, photo_widen, lit)                   \
-    X(PHOTO_FINISH, photo_finish, lit)                 \
-    X(PHOTO_GROW_ROWS, photo_grow_rows, lit)           \
-    X(PHOTO_GROW_COLUMNS, photo_grow_columns, lit)     \
-    X(PHOTO_MEND, photo_mend, lit)                     \
+    X(PHOTO_JUDGE, photo_judge, lit)                     \
+    X(PHOTO_NOISY, photo_noisy, lit)                     \
+    X(PHOTO_WIDEN, photo_widen, lit)                     \
+    X(PHOTO_FINISH, photo_finish, lit)                   \
+    X(PHOTO_GROW_ROWS, photo_grow_rows, lit)             \
+    X(PHOTO_GROW_COLUMNS, photo_grow_columns, lit)       \
+    X(PHOTO_MEND, photo_mend, lit)                       \
     X(PHOTO_POOL, photo_pool, pooled)                    \
     X(UNPACK, unpack_bins, unpack)
 

@@ -22,7 +22,7 @@ struct rec_cl_pictures {
 
 /* For pictures of the sizes and channels of im [n]; their other members are not read.  raw_bytes: of all raw pictures
  * of a set, at most; 0: none are raw.
- * Errors: PVX_ENOMEM, PVX_EUNSUP (diag: what the device cannot do). */
+ * Errors: PVX_ENOMEM, PVX_ENODEV. */
 PVX_MUST_CHECK pvx_err rec_cl_photo_new(rec_cl *cl, const struct rec_photo_image *im, size_t n,
                                         size_t raw_bytes, rec_cl_photo **out, struct pvx_diag *d);
 void rec_cl_photo_free(rec_cl_photo **p);
