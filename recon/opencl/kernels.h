@@ -21,8 +21,7 @@
     X(refine)           \
     X(photo)            \
     X(lit)              \
-    X(unpack)           \
-    X(pooled)
+    X(unpack)
 
 /* X(K, kernel, file): its number is REC_CL_K_<K>. */
 #define REC_CL_KERNELS(X)                                \
@@ -95,7 +94,6 @@
     X(PHOTO_GROW_ROWS, photo_grow_rows, lit)             \
     X(PHOTO_GROW_COLUMNS, photo_grow_columns, lit)       \
     X(PHOTO_MEND, photo_mend, lit)                       \
-    X(PHOTO_POOL, photo_pool, pooled)                    \
     X(UNPACK, unpack_bins, unpack)
 
 enum rec_cl_file {

@@ -171,9 +171,3 @@ void rec_vote_free(rec_vote **vp)
     free(v->in_layer);
     PVX_FREE(*vp);
 }
-
-const rec_sysmat *rec_vote_level(const rec_vote *v, int *shift)
-{
-    *shift = v->shift;
-    return v->level;
-}

@@ -59,28 +59,17 @@ static bool pooled_settle(const struct bin *o, int channels, bool per_channel, f
     return true;
 }
 
-/* Bin (x,y) of camera c from the bins of S below it. */
-static struct rec_vote_pooled pool_bin(const rec_vote *v, size_t c, int32_t x, int32_t y)
+static void put_bin(rec_vote *v, size_t i, const struct bin *o, struct rec_vote_camera *s)
 {
     const struct rec_vote_set *set = v->set;
-    struct rec_vote_pooled p = {0};
-    struct bin o = set->in->per_channel ? gather(v, c, x, y, 4, true)
-                   : set->channels == 3 ? gather(v, c, x, y, 4, false)
-                                        : gather(v, c, x, y, 1, false);
-    bool ok = pooled_settle(&o, set->channels, set->in->per_channel, &p.value);
-    p.is = (ok ? REC_VOTE_MEASURED : 0) | (o.bright > 0 ? REC_VOTE_BRIGHT : 0);
-    return p;
-}
-
-static void put_bin(rec_vote *v, size_t i, struct rec_vote_pooled p, struct rec_vote_camera *s)
-{
-    bool ok = (p.is & REC_VOTE_MEASURED) != 0;
-    v->b[i] = ok ? p.value : 0;
+    float value = 0;
+    bool ok = pooled_settle(o, set->channels, set->in->per_channel, &value);
+    v->b[i] = ok ? value : 0;
     v->use[i] = ok ? 1 : 0;
     s->measured += ok;
     s->unknown += !ok;
-    s->saturated += !ok && (p.is & REC_VOTE_BRIGHT) != 0;
-    s->power += ok ? (double)p.value * p.value : 0;
+    s->saturated += !ok && o->bright > 0;
+    s->power += ok ? (double)value * value : 0;
 }
 
 /* Pools the bins of camera c.  A bin that is not lit and sees no column is skipped: it carries no information. */
@@ -95,7 +84,10 @@ static void pooled_pool_camera(void *ctx, size_t c)
         for (int32_t x = 0; x < blk->bw; x++, i++) {
             if (!v->asked[i])
                 continue;
-            put_bin(v, i, set->pooled != NULL ? set->pooled[i] : pool_bin(v, c, x, y), s);
+            struct bin o = set->in->per_channel ? gather(v, c, x, y, 4, true)
+                           : set->channels == 3 ? gather(v, c, x, y, 4, false)
+                                                : gather(v, c, x, y, 1, false);
+            put_bin(v, i, &o, s);
         }
     double side = (double)((uint64_t)1 << v->shift);
     double noise = v->weigh[c] * (double)set->noise[c] / (side * side);
@@ -154,13 +146,10 @@ static void light_camera(void *ctx, size_t c)
     for (int32_t y = 0; y < blk->bh && v->set->present[c]; y++) {
         uint32_t run = 0, *here = v->table[c] + (size_t)(y + 1) * w + 1;
         int32_t end = (y + 1) * side < fine->bh ? (y + 1) * side : fine->bh;
-        const struct rec_vote_pooled *pooled = v->set->pooled;
-        const uint8_t *row = pooled != NULL ? NULL : merge_rows(v, c, y * side, end);
+        const uint8_t *row = merge_rows(v, c, y * side, end);
         for (int32_t x = 0, at = 0; x < blk->bw; x++, i++, here++, at += side) {
             bool meets = v->chord[i] > 0;
-            v->lit[i] = pooled != NULL
-                            ? (pooled[i].is & REC_VOTE_LIT) != 0
-                            : any_of(row + at, fine->bw - at < side ? fine->bw - at : side);
+            v->lit[i] = any_of(row + at, fine->bw - at < side ? fine->bw - at : side);
             here[0] = *(here - w) + (run += v->lit[i]);
             s.bins += meets;
             s.lit += meets && v->lit[i];

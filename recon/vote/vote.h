@@ -38,13 +38,6 @@
 
 #define REC_VOTE_LEAST 4 /* cameras; fewer do not vote */
 
-/* A bin of the vote's own, the coarsest, pictures where a card has made them (recon/opencl/pooled.h). */
-enum { REC_VOTE_MEASURED = 1, REC_VOTE_BRIGHT = 2, REC_VOTE_LIT = 4 };
-struct rec_vote_pooled {
-    float value; /* sum of the channels; 0: not MEASURED */
-    uint32_t is; /* enough of its bins have weight; some without are above 0; some are lit */
-};
-
 struct rec_vote_set {
     int channels; /* 1 or 3 */
     const struct rec_pictures *in;
@@ -52,8 +45,6 @@ struct rec_vote_set {
     const bool *present; /* [cameras] */
     const float *noise;  /* [cameras] variance of a bin, the sum over its channels */
     bool gains;          /* the solve corrects the cameras' gains */
-    /* [rows of rec_vote_level] instead of the pictures and silhouettes, which are then not read; or NULL */
-    const struct rec_vote_pooled *pooled;
 };
 
 typedef struct rec_vote rec_vote;
@@ -67,9 +58,6 @@ typedef struct rec_vote rec_vote;
 PVX_MUST_CHECK pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k,
                                     pvx_pool *pool, uint32_t hold, rec_vote **out);
 void rec_vote_free(rec_vote **v);
-
-/* The matrix whose bins it takes its vote on; *shift: a bin is 2^shift bins of S wide. */
-const rec_sysmat *rec_vote_level(const rec_vote *v, int *shift);
 
 /* Votes on one frame set; r as for rec_subsys_restrict. */
 void rec_vote_take(rec_vote *v, struct rec_restrictor *r, const struct rec_vote_set *set,

@@ -99,16 +99,4 @@ struct rec_cl_raw_picture {
     float most;
 };
 
-/* A camera's picture on the vote's bins (vote/pooled.c): `side` bins of S along each. */
-struct rec_cl_coarse {
-    int first, wide; /* its first coarse bin; coarse bins in a row */
-    int row0, bw, bh;
-    int side;
-};
-/* vote.h: struct rec_vote_pooled. */
-struct rec_cl_pooled_bin {
-    float value;
-    unsigned int is;
-};
-
 #endif
