@@ -73,15 +73,18 @@ static struct rec_cl_info device_info(const struct rec_cl_library *lib, const st
 {
     struct rec_cl_info o = {.kind = REC_CL_OTHER};
     cl_device_type type;
+    cl_device_fp_config floats;
     device_text(lib, f->device, CL_DEVICE_NAME, o.name, sizeof o.name);
     device_text(lib, f->device, CL_DEVICE_VENDOR, o.vendor, sizeof o.vendor);
     device_text(lib, f->device, CL_DRIVER_VERSION, o.driver, sizeof o.driver);
     platform_text(lib, f->platform, CL_PLATFORM_NAME, o.platform, sizeof o.platform);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_TYPE, cl_device_type, type);
+    DEVICE_NUMBER(lib, f->device, CL_DEVICE_SINGLE_FP_CONFIG, cl_device_fp_config, floats);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_GLOBAL_MEM_SIZE, cl_ulong, o.memory);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_MAX_MEM_ALLOC_SIZE, cl_ulong, o.largest);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_MAX_COMPUTE_UNITS, cl_uint, o.units);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_MAX_CLOCK_FREQUENCY, cl_uint, o.mhz);
+    o.denormals = (floats & CL_FP_DENORM) != 0;
     if ((type & CL_DEVICE_TYPE_GPU) != 0)
         o.kind = REC_CL_GPU;
     else if ((type & CL_DEVICE_TYPE_CPU) != 0)

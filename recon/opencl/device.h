@@ -27,6 +27,7 @@ struct rec_cl_info {
     enum rec_cl_kind kind;
     uint64_t memory, largest; /* bytes: all of it; of one buffer */
     uint32_t units, mhz;
+    bool denormals;   /* its floats keep them: photometry's numbers are the host's */
     char why_not[96]; /* "": it can be used */
 };
 #define REC_CL_MOST 16 /* devices that are listed */

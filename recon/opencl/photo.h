@@ -20,8 +20,8 @@ struct rec_cl_pictures {
     struct rec_cl_buffer lit; /* uchar [rows] out */
 };
 
-/* For pictures of the sizes and channels of im [n]; their other members are not read.  raw_bytes: of all raw pictures
- * of a set, at most; 0: none are raw.
+/* For a device that keeps denormal floats (rec_cl_about(cl)->denormals), and for pictures of the sizes and channels of
+ * im [n]; their other members are not read.  raw_bytes: of all raw pictures of a set, at most; 0: none are raw.
  * Errors: PVX_ENOMEM, PVX_ENODEV. */
 PVX_MUST_CHECK pvx_err rec_cl_photo_new(rec_cl *cl, const struct rec_photo_image *im, size_t n,
                                         size_t raw_bytes, rec_cl_photo **out, struct pvx_diag *d);
