@@ -293,6 +293,22 @@ static void photo_mend(rec_cl_photo *p, rec_cl_queue *q, const struct rec_cl_pic
                REC_CL_BUFFER(&to->w), REC_CL_BUFFER(&to->b));
 }
 
+/* Copies of results to where the host wants them. */
+static void photo_bring(const rec_cl_photo *p, rec_cl_queue *q, const struct rec_cl_pictures *to)
+{
+    const struct {
+        const struct rec_cl_buffer *from;
+        void *here;
+        size_t bytes; /* of a bin */
+    } all[] = {{&to->b, to->here.b, p->cs * sizeof(float)},
+               {&to->w, to->here.w, sizeof(float)},
+               {&to->w4, to->here.w4, 4 * sizeof(float)},
+               {&to->lit, to->here.lit, 1}};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        if (all[i].here != NULL && all[i].from->bytes > 0)
+            rec_cl_download(q, all[i].from, 0, all[i].here, p->rows * all[i].bytes);
+}
+
 bool rec_cl_photo_apply(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
                         const struct rec_cl_pictures *to, pvx_pool *pool)
 {
@@ -314,6 +330,7 @@ bool rec_cl_photo_apply(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo
     rec_cl_download(q, &p->band, 0, p->sums, p->bands * sizeof *p->sums);
     if (clipped)
         photo_mend(p, q, to);
+    photo_bring(p, q, to);
     if (!rec_cl_wait(q))
         return false;
     for (size_t c = 0; c < p->cameras; c++) {

@@ -18,6 +18,10 @@ struct rec_cl_pictures {
     struct rec_cl_buffer w;   /* float [rows] out */
     struct rec_cl_buffer w4;  /* float4 [rows] out, of each channel; no buffer: not wanted */
     struct rec_cl_buffer lit; /* uchar [rows] out */
+    struct {
+        float *b, *w, *w4;
+        uint8_t *lit;
+    } here; /* where rec_cl_photo_apply brings copies of them; NULL: nowhere */
 };
 
 /* For a device that keeps denormal floats (rec_cl_about(cl)->denormals), and for pictures of the sizes and channels of
@@ -38,7 +42,7 @@ bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_phot
 
 /* rec_photo_apply for the pictures that were given to ..._new, in `to` instead of im's img, weight, weight4 and lit,
  * which are not read.  A background is that of rec_cl_photo_background.  Fills im's stats and work.  Waits in its
- * middle and at its end.  false: the device is lost. */
+ * middle and at its end; to->here is written at the end.  false: the device is lost, and what is here does not count. */
 bool rec_cl_photo_apply(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
                         const struct rec_cl_pictures *to, pvx_pool *pool);
 
