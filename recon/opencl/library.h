@@ -23,6 +23,7 @@
     X(ReleaseProgram)             \
     X(CreateKernel)               \
     X(SetKernelArg)               \
+    X(GetKernelWorkGroupInfo)     \
     X(ReleaseKernel)              \
     X(CreateBuffer)               \
     X(ReleaseMemObject)           \
@@ -36,6 +37,7 @@
     X(EnqueueMarkerWithWaitList)  \
     X(EnqueueBarrierWithWaitList) \
     X(GetEventInfo)               \
+    X(WaitForEvents)              \
     X(ReleaseEvent)               \
     X(Flush)
 

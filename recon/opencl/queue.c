@@ -26,6 +26,26 @@ static pvx_err queue_pin(rec_cl_queue *q, struct pvx_diag *d)
                           : pvx_fail(d, PVX_ENODEV, "%s: %s", cl->info.name, rec_cl_lost(cl));
 }
 
+/* Groups of a kernel have the size that its text says.  A kernel may need so many registers that a device has too few
+ * for that, whatever size it allows in general. */
+static pvx_err queue_fits(const rec_cl *cl, cl_kernel kernel, const char *name, struct pvx_diag *d)
+{
+    size_t most = 0, asked[3] = {0, 0, 0};
+    cl_int e = cl->lib->GetKernelWorkGroupInfo(kernel, cl->device, CL_KERNEL_WORK_GROUP_SIZE,
+                                               sizeof most, &most, NULL);
+    if (e == CL_SUCCESS)
+        e = cl->lib->GetKernelWorkGroupInfo(kernel, cl->device, CL_KERNEL_COMPILE_WORK_GROUP_SIZE,
+                                            sizeof asked, asked, NULL);
+    if (e != CL_SUCCESS)
+        return pvx_fail(d, PVX_ENODEV, "%s: kernel %s: %s", cl->info.name, name, rec_cl_error(e));
+    if (most < asked[0])
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: kernel %s: its groups have at most %zu items there, and %zu are "
+                        "needed",
+                        cl->info.name, name, most, asked[0]);
+    return PVX_OK;
+}
+
 static pvx_err queue_kernels(rec_cl_queue *q, struct pvx_diag *d)
 {
     rec_cl *cl = q->cl;
@@ -37,6 +57,7 @@ static pvx_err queue_kernels(rec_cl_queue *q, struct pvx_diag *d)
             if (q->kernel[k][four] == NULL || e != CL_SUCCESS)
                 return pvx_fail(d, PVX_ENODEV, "%s: kernel %s: %s", cl->info.name, of->name,
                                 rec_cl_error(e));
+            PVX_TRY(queue_fits(cl, q->kernel[k][four], of->name, d));
         }
     return PVX_OK;
 }

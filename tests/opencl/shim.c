@@ -5,6 +5,7 @@
  * FUNCTION:N:WHAT.  FUNCTION: a name, or "any" (all but clGetEventInfo, which is asked as often as time allows).
  * N: its n-th call, from 1; 0: never, it is counted.  WHAT:
  *     error   the call returns CL_OUT_OF_RESOURCES; a negative number: that error
+ *     few     from then on clGetKernelWorkGroupInfo says that groups have at most 32 items
  *     event   the call succeeds, and from then on the work of the device fails
  *     hang    the call succeeds, and from then on the device does nothing; what waits in the driver never returns
  * $PYROVOX_CL_SAID: a file to which a line is added when that happens, and one at the end: "any 1234" (calls so far).
@@ -22,7 +23,7 @@
 
 #include "tests/opencl/shim.h"
 
-enum what { WORKS, FAILS, BROKEN, HANGS };
+enum what { WORKS, FAILS, FEW, BROKEN, HANGS };
 static struct {
     pthread_mutex_t lock;
     char function[64];
@@ -60,6 +61,7 @@ void pyrovox_cl_fault(const char *text)
         }
         fault.what = strcmp(what, "hang") == 0    ? HANGS
                      : strcmp(what, "event") == 0 ? BROKEN
+                     : strcmp(what, "few") == 0   ? FEW
                                                   : FAILS;
         if (what[0] == '-')
             fault.error = (cl_int)strtol(what, NULL, 10);
@@ -292,6 +294,25 @@ CL_API_ENTRY cl_int CL_API_CALL clGetEventInfo(cl_event event, cl_event_info i, 
     else if (now == BROKEN)
         *(cl_int *)out = CL_OUT_OF_RESOURCES;
     return e;
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clGetKernelWorkGroupInfo(cl_kernel k, cl_device_id d,
+                                                         cl_kernel_work_group_info i, size_t n,
+                                                         void *out, size_t *all)
+{
+    cl_int e = fault_call("clGetKernelWorkGroupInfo");
+    if (e == CL_SUCCESS)
+        e = REAL(clGetKernelWorkGroupInfo)(k, d, i, n, out, all);
+    if (e == CL_SUCCESS && atomic_load(&state) == FEW && i == CL_KERNEL_WORK_GROUP_SIZE)
+        *(size_t *)out = 32;
+    return e;
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clWaitForEvents(cl_uint n, const cl_event *list)
+{
+    cl_int e = fault_call("clWaitForEvents");
+    fault_wait();
+    return e != CL_SUCCESS ? e : REAL(clWaitForEvents)(n, list);
 }
 
 CL_API_ENTRY cl_int CL_API_CALL clReleaseEvent(cl_event event)

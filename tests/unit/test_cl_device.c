@@ -3,6 +3,7 @@
 
 #include "tests/t.h"
 #include "tests/lib/cl_bed.h"
+#include "recon/opencl/impl.h"
 
 static rec_cl *cl;
 
@@ -143,6 +144,25 @@ T_CASE(two_queues_side_by_side)
     T_OK(l[0].right && l[1].right);
     rec_cl_queue_free(&l[0].q);
     rec_cl_queue_free(&l[1].q);
+}
+
+/* The device then knows what a kernel may take for an item, and a launch of another size is refused. */
+T_CASE(every_kernel_says_the_size_of_its_groups)
+{
+    rec_cl_queue *q = cl_bed_queue(cl);
+    for (int k = 0; k < REC_CL_N_KERNELS; k++)
+        for (int four = 0; four < 2; four++) {
+            size_t size[3] = {0, 0, 0};
+            T_EQ_I(cl->lib->GetKernelWorkGroupInfo(q->kernel[k][four], cl->device,
+                                                   CL_KERNEL_COMPILE_WORK_GROUP_SIZE, sizeof size,
+                                                   size, NULL),
+                   CL_SUCCESS);
+            bool known = size[0] == REC_CL_GROUP || size[0] == REC_CL_FLAT;
+            T_OK(known && size[1] == 1 && size[2] == 1);
+            if (!known)
+                printf("  kernel %s: %zu\n", rec_cl_kernel_names[k].name, size[0]);
+        }
+    rec_cl_queue_free(&q);
 }
 
 /* What a queue does later sees what another one has done. */

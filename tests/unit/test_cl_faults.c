@@ -182,6 +182,38 @@ T_CASE(no_room)
     rec_cl_close(&cl);
 }
 
+/* A kernel that needs too much of what the items of a group share. */
+T_CASE(groups_that_are_too_large_for_a_kernel)
+{
+    rec_cl *cl = opened(600);
+    rec_cl_queue *q;
+    struct pvx_diag d = {""};
+    cl_fault("clGetKernelWorkGroupInfo:1:few");
+    T_EQ_I(rec_cl_queue_new(cl, &q, &d), PVX_EUNSUP);
+    T_OK(q == NULL && rec_cl_lost(cl) == NULL);
+    T_CONTAINS(d.text, rec_cl_kernel_names[0].name);
+    T_CONTAINS(d.text, "at most 32 items there, and 64 are needed");
+    cl_fault(NULL);
+    rec_cl_close(&cl);
+}
+
+/* What a driver calls its largest buffer is asked for all the same: the driver has the last word. */
+T_CASE(a_buffer_that_is_larger_than_the_largest)
+{
+    rec_cl *cl = opened(600);
+    struct rec_cl_buffer b;
+    struct pvx_diag d = {""};
+    cl->info.largest = 1000;
+    T_EQ_I(rec_cl_buffer_new(cl, 1001, &b, &d), PVX_OK);
+    rec_cl_buffer_free(cl, &b);
+    cl_fault("clCreateBuffer:1:-61"); /* CL_INVALID_BUFFER_SIZE */
+    T_EQ_I(rec_cl_buffer_new(cl, 1001, &b, &d), PVX_ENOMEM);
+    T_CONTAINS(d.text, "a buffer of 1e-06 GB is needed, and it has at most 1e-06");
+    T_OK(rec_cl_lost(cl) == NULL && b.mem == NULL);
+    cl_fault(NULL);
+    rec_cl_close(&cl);
+}
+
 static void begin(void)
 {
     cl_fault_begin();

@@ -26,11 +26,11 @@ static inline bool is_inside(__global const struct rec_cl_picture *im, int x, in
 
 /* Bins that reach `limit` and means over 3x3 that reach `near`; sum and hits.  The items test FLAT bins at a time, and
  * an item a lane adds the hits in their order. */
-__kernel void photo_judge(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_picture_limits *restrict limits,
-                          __global const int2 *restrict band, __global const lanes *restrict b,
-                          __global const lanes *restrict plane, __global uchar *restrict raw,
-                          __global struct rec_cl_picture_band *restrict out)
+__kernel FLAT_ITEMS void photo_judge(__global const struct rec_cl_picture *restrict shot,
+                                     __global const struct rec_cl_picture_limits *restrict limits,
+                                     __global const int2 *restrict band, __global const lanes *restrict b,
+                                     __global const lanes *restrict plane, __global uchar *restrict raw,
+                                     __global struct rec_cl_picture_band *restrict out)
 {
     __local lanes value[FLAT];
     __local uint lit[FLAT / 4]; /* four bins in each */
@@ -75,10 +75,10 @@ __kernel void photo_judge(__global const struct rec_cl_picture *restrict shot,
 }
 
 /* Whether flames are faint (is_noisy in carve/photo.c).  An item a camera. */
-__kernel void photo_noisy(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_picture_limits *restrict limits, int cameras,
-                          __global const struct rec_cl_picture_band *restrict band,
-                          __global int *restrict noisy)
+__kernel GROUP_ITEMS void photo_noisy(__global const struct rec_cl_picture *restrict shot,
+                                      __global const struct rec_cl_picture_limits *restrict limits, int cameras,
+                                      __global const struct rec_cl_picture_band *restrict band,
+                                      __global int *restrict noisy)
 {
     const int c = (int)get_global_id(0);
     double total[3] = {0, 0, 0}, best = 0;
@@ -97,11 +97,11 @@ __kernel void photo_noisy(__global const struct rec_cl_picture *restrict shot,
 }
 
 /* Means over 7x7 that reach `wide`, of faint flames. */
-__kernel void photo_widen(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_picture_limits *restrict limits,
-                          __global const int2 *restrict band, __global const int *restrict noisy,
-                          __global const lanes *restrict b, __global const lanes *restrict plane,
-                          __global uchar *restrict raw)
+__kernel FLAT_ITEMS void photo_widen(__global const struct rec_cl_picture *restrict shot,
+                                     __global const struct rec_cl_picture_limits *restrict limits,
+                                     __global const int2 *restrict band, __global const int *restrict noisy,
+                                     __global const lanes *restrict b, __global const lanes *restrict plane,
+                                     __global uchar *restrict raw)
 {
     const struct strip s = strip_of(shot, band);
     __global const struct rec_cl_picture *im = &shot[s.camera];
@@ -126,11 +126,11 @@ static inline int lit_near(__global const uchar *raw, int bw, int bh, int x, int
 }
 
 /* raw to 0 and 1, without lone bins where `despeckle`: to `clean` where silhouettes are grown, else to `lit`. */
-__kernel void photo_finish(__global const struct rec_cl_picture *restrict shot,
-                           __global const struct rec_cl_picture_limits *restrict limits,
-                           __global const int2 *restrict band, __global const uchar *restrict raw,
-                           __global uchar *restrict clean, __global uchar *restrict lit,
-                           __global struct rec_cl_picture_band *restrict out)
+__kernel FLAT_ITEMS void photo_finish(__global const struct rec_cl_picture *restrict shot,
+                                      __global const struct rec_cl_picture_limits *restrict limits,
+                                      __global const int2 *restrict band, __global const uchar *restrict raw,
+                                      __global uchar *restrict clean, __global uchar *restrict lit,
+                                      __global struct rec_cl_picture_band *restrict out)
 {
     __local int4 counts[FLAT];
     const struct strip s = strip_of(shot, band);
@@ -151,10 +151,10 @@ __kernel void photo_finish(__global const struct rec_cl_picture *restrict shot,
 }
 
 /* Square dilation by the margin: rows of `clean` to raw, which is not needed any more, then columns of raw to lit. */
-__kernel void photo_grow_rows(__global const struct rec_cl_picture *restrict shot,
-                              __global const struct rec_cl_picture_limits *restrict limits,
-                              __global const int2 *restrict band,
-                              __global const uchar *restrict clean, __global uchar *restrict raw)
+__kernel FLAT_ITEMS void photo_grow_rows(__global const struct rec_cl_picture *restrict shot,
+                                         __global const struct rec_cl_picture_limits *restrict limits,
+                                         __global const int2 *restrict band,
+                                         __global const uchar *restrict clean, __global uchar *restrict raw)
 {
     const struct strip s = strip_of(shot, band);
     __global const struct rec_cl_picture *im = &shot[s.camera];
@@ -167,11 +167,11 @@ __kernel void photo_grow_rows(__global const struct rec_cl_picture *restrict sho
         raw[row + x] = any_lit;
     }
 }
-__kernel void photo_grow_columns(__global const struct rec_cl_picture *restrict shot,
-                                 __global const struct rec_cl_picture_limits *restrict limits,
-                                 __global const int2 *restrict band,
-                                 __global const uchar *restrict raw, __global uchar *restrict lit,
-                                 __global struct rec_cl_picture_band *restrict out)
+__kernel FLAT_ITEMS void photo_grow_columns(__global const struct rec_cl_picture *restrict shot,
+                                            __global const struct rec_cl_picture_limits *restrict limits,
+                                            __global const int2 *restrict band,
+                                            __global const uchar *restrict raw, __global uchar *restrict lit,
+                                            __global struct rec_cl_picture_band *restrict out)
 {
     __local int4 counts[FLAT];
     const struct strip s = strip_of(shot, band);
@@ -213,10 +213,10 @@ static inline double mended(__global const struct rec_cl_picture_limits *t, int 
     return b < FAR * t->sigma[c] ? t->sigma[c] * clipped_inverse(inverse, b / t->sigma[c]) : b;
 }
 
-__kernel void photo_mend(__global const struct rec_cl_picture *restrict shot,
-                         __global const struct rec_cl_picture_limits *restrict limits,
-                         __global const int2 *restrict band, __global const float *restrict inverse,
-                         __global const float *restrict weight, __global float *restrict b)
+__kernel FLAT_ITEMS void photo_mend(__global const struct rec_cl_picture *restrict shot,
+                                    __global const struct rec_cl_picture_limits *restrict limits,
+                                    __global const int2 *restrict band, __global const float *restrict inverse,
+                                    __global const float *restrict weight, __global float *restrict b)
 {
     const struct strip s = strip_of(shot, band);
     __global const struct rec_cl_picture *im = &shot[s.camera];

@@ -50,12 +50,12 @@ static inline float4 least_of_group(float4 v, __local float4 *tree)
 /* ---- pixels to b ---- */
 
 /* (1) of photo.h.  b: binned pixels, then b.  weight4: of each channel, where `per_channel`. */
-__kernel void photo_linear(__global const struct rec_cl_picture *restrict shot,
-                           __global const int2 *restrict band, __global lanes *restrict b,
-                           __global const lanes *restrict background,
-                           __global float *restrict weight, __global float4 *restrict weight4,
-                           int per_channel, __global uchar *restrict raw,
-                           __global uchar *restrict lit, __global struct rec_cl_picture_band *restrict out)
+__kernel FLAT_ITEMS void photo_linear(__global const struct rec_cl_picture *restrict shot,
+                                      __global const int2 *restrict band, __global lanes *restrict b,
+                                      __global const lanes *restrict background,
+                                      __global float *restrict weight, __global float4 *restrict weight4,
+                                      int per_channel, __global uchar *restrict raw,
+                                      __global uchar *restrict lit, __global struct rec_cl_picture_band *restrict out)
 {
     __local float4 tree[FLAT];
     __local int4 counts[FLAT];
@@ -165,9 +165,9 @@ static inline ilanes count_low(__global const struct rec_cl_picture *im, __globa
 
 /* Sums over blocks, as photo_pass_impl.h explains them: down the columns first, then across.  GROUP items: eight
  * blocks, an item a column.  Groups: BLOCKS / 8 for each camera. */
-__kernel void photo_blocks(__global const struct rec_cl_picture *restrict shot,
-                           __global const lanes *restrict b, __global const float *restrict weight,
-                           __global struct rec_cl_picture_block *restrict out)
+__kernel GROUP_ITEMS void photo_blocks(__global const struct rec_cl_picture *restrict shot,
+                                       __global const lanes *restrict b, __global const float *restrict weight,
+                                       __global struct rec_cl_picture_block *restrict out)
 {
     __local struct column column[GROUP];
     const int item = (int)get_local_id(0), group = (int)get_group_id(0), first = item & ~7;
@@ -221,9 +221,9 @@ static inline float4 down(__global const float4 *b, const int *row, int x)
 }
 #endif
 /* Of mosaics. */
-__kernel void photo_plane(__global const struct rec_cl_picture *restrict shot,
-                          __global const int2 *restrict band, __global const lanes *restrict b,
-                          __global lanes *restrict plane)
+__kernel FLAT_ITEMS void photo_plane(__global const struct rec_cl_picture *restrict shot,
+                                     __global const int2 *restrict band, __global const lanes *restrict b,
+                                     __global lanes *restrict plane)
 {
 #if CS == 4
     const struct strip s = strip_of(shot, band);

@@ -1,8 +1,8 @@
 /* run.cl - sums. */
 
 /* out[s] = the sum of parts[s][0 .. count of s), in a fixed order.  A group of GROUP items for each sum. */
-__kernel void add_parts(__global const double4 *restrict parts, const uint16 counts,
-                        __global double4 *restrict out)
+__kernel GROUP_ITEMS void add_parts(__global const double4 *restrict parts, const uint16 counts,
+                                    __global double4 *restrict out)
 {
     __local double4 tree[GROUP];
     uint count[16], s = (uint)get_group_id(0), i = (uint)get_local_id(0);
@@ -22,8 +22,8 @@ __kernel void add_parts(__global const double4 *restrict parts, const uint16 cou
 }
 
 /* parts of slot: the sum of x[0..n). */
-__kernel void sum_lanes(__global const lanes *restrict x, uint n, __global double4 *restrict parts,
-                        uint slot)
+__kernel FLAT_ITEMS void sum_lanes(__global const lanes *restrict x, uint n,
+                                   __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     uint from, to;

@@ -115,10 +115,10 @@ static inline float mean_of(__global const struct rec_cl_raw_picture *r, uint su
 }
 
 /* Bins of pictures that are raw.  Groups: a band each; band: its camera and first row. */
-__kernel void unpack_bins(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_raw_picture *restrict picture,
-                          __global const int2 *restrict band, __global const uchar *restrict raw,
-                          __global lanes *restrict b)
+__kernel FLAT_ITEMS void unpack_bins(__global const struct rec_cl_picture *restrict shot,
+                                     __global const struct rec_cl_raw_picture *restrict picture,
+                                     __global const int2 *restrict band, __global const uchar *restrict raw,
+                                     __global lanes *restrict b)
 {
     const int2 at = band[get_group_id(0)];
     __global const struct rec_cl_picture *im = &shot[at.x];
