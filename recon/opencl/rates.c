@@ -32,6 +32,12 @@ static cl_int rates_enqueue(struct rates *r, enum rates_way way, cl_event *done)
     return CL_INVALID_VALUE;
 }
 
+static bool rates_done(const struct rates *r, cl_event done)
+{
+    return rec_cl_ok(r->cl, r->cl->lib->Flush(r->cl->zeroes), "clFlush") &&
+           rec_cl_await(r->cl, done);
+}
+
 /* Bytes a second of the quickest one; 0: the device is lost. */
 static double rates_of(struct rates *r, enum rates_way way)
 {
@@ -39,9 +45,7 @@ static double rates_of(struct rates *r, enum rates_way way)
     for (int i = 0; i < RATES_LEAST || pvx_now_mono() - begin < RATES_NS; i++) {
         cl_event done = NULL;
         int64_t t0 = pvx_now_mono();
-        if (!rec_cl_ok(r->cl, rates_enqueue(r, way, &done), "a transfer") ||
-            !rec_cl_ok(r->cl, r->cl->lib->Flush(r->cl->zeroes), "clFlush") ||
-            !rec_cl_await(r->cl, done))
+        if (!rec_cl_ok(r->cl, rates_enqueue(r, way, &done), "a transfer") || !rates_done(r, done))
             return 0;
         int64_t ns = pvx_now_mono() - t0;
         least = i > 0 && ns < least ? ns : least; /* the first one touches the pages */
@@ -63,13 +67,26 @@ static pvx_err rates_pin(struct rates *r, struct pvx_diag *d)
     if (r->here == NULL || e != CL_SUCCESS)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for transfers: %s", r->cl->info.name,
                         rec_cl_error(e));
-    return rec_cl_await(r->cl, done) ? PVX_OK : PVX_ENODEV;
+    return rates_done(r, done) ? PVX_OK : PVX_ENODEV;
+}
+
+static void rates_unpin(struct rates *r)
+{
+    const struct rec_cl_library *lib = r->cl->lib;
+    cl_event done = NULL;
+    if (r->here != NULL &&
+        rec_cl_ok(r->cl,
+                  lib->EnqueueUnmapMemObject(r->cl->zeroes, r->pinned, r->here, 0, NULL, &done),
+                  "clEnqueueUnmapMemObject"))
+        (void)rates_done(r, done);
+    if (r->pinned != NULL && rec_cl_lost(r->cl) == NULL)
+        (void)lib->ReleaseMemObject(r->pinned);
 }
 
 static void rates_release(struct rates *r)
 {
-    if (r->pinned != NULL && rec_cl_lost(r->cl) == NULL)
-        (void)r->cl->lib->ReleaseMemObject(r->pinned);
+    if (rec_cl_lost(r->cl) == NULL)
+        rates_unpin(r);
     rec_cl_buffer_free(r->cl, &r->a);
     rec_cl_buffer_free(r->cl, &r->b);
     rec_cl_close(&r->cl);

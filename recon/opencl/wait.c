@@ -1,7 +1,9 @@
 /* wait.c - waiting for a device that may never answer, and losing it.
  *
  * clFinish and clWaitForEvents return when the driver likes, which may be never.  So the state of an event is asked
- * again and again: at first without a pause, then with pauses that grow. */
+ * again and again: at first without a pause, then with pauses that grow.
+ * That makes nothing visible (clGetEventInfo: "is not a synchronization point").  clWaitForEvents does, and returns at
+ * once for an event that is complete. */
 #include <sched.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -51,7 +53,8 @@ bool rec_cl_await(rec_cl *cl, cl_event event)
         if (!rec_cl_ok(cl, e, "clGetEventInfo"))
             return false;
         if (state == CL_COMPLETE)
-            return rec_cl_ok(cl, lib->ReleaseEvent(event), "clReleaseEvent");
+            return rec_cl_ok(cl, lib->WaitForEvents(1, &event), "clWaitForEvents") &&
+                   rec_cl_ok(cl, lib->ReleaseEvent(event), "clReleaseEvent");
         if (state < 0)
             return rec_cl_ok(cl, state, "its work failed");
         int64_t now = pvx_now_mono();
