@@ -395,13 +395,13 @@ T_CASE(windows_of_4x4)
 T_CASE(a_device_without_room)
 {
     rec_sysmat *S = written_new(2, 2, pool);
-    const uint64_t largest = cl->info.largest, used = atomic_load(&cl->used);
+    const uint64_t memory = cl->info.memory, used = atomic_load(&cl->used);
     uint32_t refused = 0, bits = 0;
     pvx_err e;
     do {
         struct pvx_diag d = {""};
         rec_cl_matrix *m;
-        cl->info.largest = (uint64_t)1 << ++bits;
+        cl->info.memory = used + ((uint64_t)1 << ++bits);
         e = rec_cl_matrix_new(cl, S, &m, &d);
         T_OK(e == PVX_OK || e == PVX_ENOMEM);
         T_OK((e == PVX_OK) == (m != NULL));
@@ -412,10 +412,10 @@ T_CASE(a_device_without_room)
         refused += e != PVX_OK;
         rec_cl_matrix_free(&m);
         T_EQ_I(atomic_load(&cl->used), used);
-    } while (e != PVX_OK && cl->info.largest < largest);
+    } while (e != PVX_OK && cl->info.memory < memory);
     T_EQ_I(e, PVX_OK);
     T_OK(refused > 10);
-    cl->info.largest = largest;
+    cl->info.memory = memory;
     rec_sysmat_free(&S);
 }
 
