@@ -44,9 +44,9 @@ $(B)/tests/soak/soak: $(SOAK)
 $(B)/tests/power/%.so: $(B)/tests/power/%.o
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) -o $@ $< -ldl
-$(CL_SHIM): $(B)/tests/opencl/shim.o
+$(CL_SHIM): $(call obj,$(sort $(wildcard tests/opencl/*.c)))
 	$(call say,LD)
-	$(Q)$(CC) -shared $(CFLAGS) -Wl,-soname,$(@F) -o $@ $< -ldl
+	$(Q)$(CC) -shared $(CFLAGS) -Wl,-soname,$(@F) -o $@ $^ -ldl
 $(B)/tests/opencl/shim.%: CPPFLAGS += -DPVX_MULTIARCH='"$(shell $(CC) -print-multiarch 2>/dev/null)"'
 $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.

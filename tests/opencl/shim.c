@@ -8,6 +8,7 @@
  *     few     from then on clGetKernelWorkGroupInfo says that groups have at most 32 items
  *     event   the call succeeds, and from then on the work of the device fails
  *     hang    the call succeeds, and from then on the device does nothing; what waits in the driver never returns
+ * strict.h has what it does without a fault.
  * $PYROVOX_CL_SAID: a file to which a line is added when that happens, and one at the end: "any 1234" (calls so far).
  * In a test program: tests/lib/cl_fault.h. */
 #define CL_TARGET_OPENCL_VERSION 120
@@ -22,6 +23,7 @@
 #include <unistd.h>
 
 #include "tests/opencl/shim.h"
+#include "tests/opencl/strict.h"
 
 enum what { WORKS, FAILS, FEW, BROKEN, HANGS };
 static struct {
@@ -77,6 +79,26 @@ bool pyrovox_cl_happened(long *calls)
     pthread_mutex_unlock(&fault.lock);
     return atomic_load(&state) != WORKS;
 }
+
+static void (*_Atomic inside_change)(int by);
+
+void pyrovox_cl_watch(void (*change)(int by))
+{
+    atomic_store(&inside_change, change);
+}
+static int inside_by(int by)
+{
+    void (*change)(int) = atomic_load(&inside_change);
+    if (change != NULL)
+        change(by);
+    return by;
+}
+static void inside_leave(const int *by)
+{
+    (void)inside_by(-*by);
+}
+/* Until the block ends this thread is inside of the library. */
+#define INSIDE __attribute__((cleanup(inside_leave), unused)) const int inside_ = inside_by(1)
 
 long pyrovox_cl_objects(void)
 {
@@ -161,6 +183,7 @@ static int never;
 #define PLAIN(f, params, args)                               \
     CL_API_ENTRY cl_int CL_API_CALL f params                 \
     {                                                        \
+        INSIDE;                                              \
         cl_int fault_ = fault_call(#f);                      \
         return fault_ != CL_SUCCESS ? fault_ : REAL(f) args; \
     }
@@ -168,6 +191,7 @@ static int never;
 #define RELEASES(f, params, args)                                      \
     CL_API_ENTRY cl_int CL_API_CALL f params                           \
     {                                                                  \
+        INSIDE;                                                        \
         cl_int fault_ = fault_call(#f);                                \
         fault_wait();                                                  \
         return fault_ != CL_SUCCESS ? fault_ : released(REAL(f) args); \
@@ -176,6 +200,7 @@ static int never;
 #define MAKES(type, f, params, args)       \
     CL_API_ENTRY type CL_API_CALL f params \
     {                                      \
+        INSIDE;                            \
         cl_int fault_ = fault_call(#f);    \
         if (fault_ == CL_SUCCESS)          \
             (void)made(CL_SUCCESS);        \
@@ -185,20 +210,30 @@ static int never;
             *error = fault_;               \
         return NULL;                       \
     }
-/* Calls that give the device work; the last argument is `event`. */
-#define ENQUEUES(f, params, args)            \
-    CL_API_ENTRY cl_int CL_API_CALL f params \
-    {                                        \
-        cl_int fault_ = fault_call(#f);      \
-        if (fault_ != CL_SUCCESS)            \
-            return fault_;                   \
-        if (!hangs())                        \
-            return made(REAL(f) args);       \
-        if (event != NULL)                   \
-            *event = NEVER;                  \
-        return CL_SUCCESS;                   \
+static cl_int enqueued(cl_int e, cl_command_queue q, const cl_event *event)
+{
+    if (e == CL_SUCCESS && event != NULL)
+        strict_enqueued(q, *event);
+    return e;
+}
+/* Calls that give the device work; the last argument is `event`.  first: before the call; then: after it. */
+#define ENQUEUES_AND(f, params, args, first, then)       \
+    CL_API_ENTRY cl_int CL_API_CALL f params             \
+    {                                                    \
+        INSIDE;                                          \
+        cl_int fault_ = fault_call(#f);                  \
+        if (fault_ == CL_SUCCESS && hangs())             \
+            *event = NEVER;                              \
+        if (fault_ != CL_SUCCESS || hangs())             \
+            return fault_;                               \
+        first;                                           \
+        fault_ = enqueued(made(REAL(f) args), q, event); \
+        if (fault_ == CL_SUCCESS)                        \
+            then;                                        \
+        return fault_;                                   \
     }
-#define WAIT_LIST cl_uint n, const cl_event *list, cl_event *event
+#define ENQUEUES(f, params, args) ENQUEUES_AND(f, params, args, (void)0, (void)0)
+#define WAIT_LIST                 cl_uint n, const cl_event *list, cl_event *event
 
 PLAIN(clGetPlatformIDs, (cl_uint n, cl_platform_id *out, cl_uint *all), (n, out, all))
 PLAIN(clGetPlatformInfo, (cl_platform_id p, cl_platform_info i, size_t n, void *out, size_t *all),
@@ -217,7 +252,6 @@ RELEASES(clReleaseContext, (cl_context c), (c))
 MAKES(cl_command_queue, clCreateCommandQueue,
       (cl_context c, cl_device_id d, cl_command_queue_properties p, cl_int *error),
       (c, d, p, error))
-RELEASES(clReleaseCommandQueue, (cl_command_queue q), (q))
 MAKES(cl_program, clCreateProgramWithSource,
       (cl_context c, cl_uint n, const char **text, const size_t *bytes, cl_int *error),
       (c, n, text, bytes, error))
@@ -252,43 +286,69 @@ ENQUEUES(clEnqueueCopyBuffer,
          (cl_command_queue q, cl_mem from, cl_mem to, size_t from_at, size_t to_at, size_t bytes,
           WAIT_LIST),
          (q, from, to, from_at, to_at, bytes, n, list, event))
-ENQUEUES(clEnqueueWriteBuffer,
-         (cl_command_queue q, cl_mem m, cl_bool wait, size_t at, size_t bytes, const void *from,
-          WAIT_LIST),
-         (q, m, wait, at, bytes, from, n, list, event))
-ENQUEUES(clEnqueueReadBuffer,
-         (cl_command_queue q, cl_mem m, cl_bool wait, size_t at, size_t bytes, void *to, WAIT_LIST),
-         (q, m, wait, at, bytes, to, n, list, event))
+ENQUEUES_AND(clEnqueueWriteBuffer,
+             (cl_command_queue q, cl_mem m, cl_bool wait, size_t at, size_t bytes, const void *from,
+              WAIT_LIST),
+             (q, m, wait, at, bytes, from, n, list, event), (void)0,
+             strict_transfer(q, (void *)from, NULL, bytes))
+ENQUEUES_AND(clEnqueueReadBuffer,
+             (cl_command_queue q, cl_mem m, cl_bool wait, size_t at, size_t bytes, void *to,
+              WAIT_LIST),
+             (q, m, wait, at, bytes, through, n, list, event), void *through = malloc(bytes),
+             strict_transfer(q, to, through, bytes))
 ENQUEUES(clEnqueueNDRangeKernel,
          (cl_command_queue q, cl_kernel k, cl_uint axes, const size_t *from, const size_t *all,
           const size_t *group, WAIT_LIST),
          (q, k, axes, from, all, group, n, list, event))
 ENQUEUES(clEnqueueMarkerWithWaitList, (cl_command_queue q, WAIT_LIST), (q, n, list, event))
 ENQUEUES(clEnqueueBarrierWithWaitList, (cl_command_queue q, WAIT_LIST), (q, n, list, event))
-PLAIN(clFlush, (cl_command_queue q), (q))
+
+CL_API_ENTRY cl_int CL_API_CALL clReleaseCommandQueue(cl_command_queue q)
+{
+    INSIDE;
+    cl_int e = fault_call("clReleaseCommandQueue");
+    fault_wait();
+    if (e == CL_SUCCESS)
+        strict_forget(q);
+    return e != CL_SUCCESS ? e : released(REAL(clReleaseCommandQueue)(q));
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clFlush(cl_command_queue q)
+{
+    INSIDE;
+    cl_int e = fault_call("clFlush");
+    if (e == CL_SUCCESS)
+        strict_flushed(q);
+    return e != CL_SUCCESS ? e : REAL(clFlush)(q);
+}
 
 CL_API_ENTRY void *CL_API_CALL clEnqueueMapBuffer(cl_command_queue q, cl_mem m, cl_bool wait,
                                                   cl_map_flags flags, size_t at, size_t bytes,
                                                   WAIT_LIST, cl_int *error)
 {
+    INSIDE;
     cl_int e = fault_call("clEnqueueMapBuffer");
+    void *here = NULL;
     if (e == CL_SUCCESS)
-        (void)made(e);
-    if (e == CL_SUCCESS)
-        return REAL(clEnqueueMapBuffer)(q, m, wait, flags, at, bytes, n, list, event, error);
+        here = REAL(clEnqueueMapBuffer)(q, m, wait, flags, at, bytes, n, list, event, &e);
+    if (here != NULL)
+        (void)enqueued(made(e), q, event);
     *error = e;
-    return NULL;
+    return here;
 }
 
 CL_API_ENTRY cl_int CL_API_CALL clGetEventInfo(cl_event event, cl_event_info i, size_t n, void *out,
                                                size_t *all)
 {
+    INSIDE;
     cl_int e = fault_call("clGetEventInfo");
     if (e != CL_SUCCESS)
         return e;
     int now = atomic_load(&state);
     if (now != HANGS && event != NEVER)
         e = REAL(clGetEventInfo)(event, i, n, out, all);
+    if (now < BROKEN && !strict_may_begin(event))
+        *(cl_int *)out = CL_QUEUED;
     if (now == HANGS || event == NEVER)
         *(cl_int *)out = CL_SUBMITTED;
     else if (now == BROKEN)
@@ -300,6 +360,7 @@ CL_API_ENTRY cl_int CL_API_CALL clGetKernelWorkGroupInfo(cl_kernel k, cl_device_
                                                          cl_kernel_work_group_info i, size_t n,
                                                          void *out, size_t *all)
 {
+    INSIDE;
     cl_int e = fault_call("clGetKernelWorkGroupInfo");
     if (e == CL_SUCCESS)
         e = REAL(clGetKernelWorkGroupInfo)(k, d, i, n, out, all);
@@ -310,14 +371,22 @@ CL_API_ENTRY cl_int CL_API_CALL clGetKernelWorkGroupInfo(cl_kernel k, cl_device_
 
 CL_API_ENTRY cl_int CL_API_CALL clWaitForEvents(cl_uint n, const cl_event *list)
 {
+    INSIDE;
     cl_int e = fault_call("clWaitForEvents");
     fault_wait();
-    return e != CL_SUCCESS ? e : REAL(clWaitForEvents)(n, list);
+    if (e == CL_SUCCESS)
+        e = REAL(clWaitForEvents)(n, list);
+    for (cl_uint i = 0; i < n && e == CL_SUCCESS; i++)
+        strict_waited(list[i]);
+    return e;
 }
 
 CL_API_ENTRY cl_int CL_API_CALL clReleaseEvent(cl_event event)
 {
+    INSIDE;
     cl_int e = fault_call("clReleaseEvent");
+    if (e == CL_SUCCESS)
+        strict_released(event);
     return e != CL_SUCCESS || event == NEVER ? e : released(REAL(clReleaseEvent)(event));
 }
 /* NOLINTEND(readability-function-size,bugprone-macro-parentheses) */

@@ -3,6 +3,7 @@
 
 #include "tests/t.h"
 #include "tests/lib/cl_bed.h"
+#include "tests/lib/cl_fault.h"
 #include "recon/opencl/impl.h"
 
 static rec_cl *cl;
@@ -192,4 +193,4 @@ T_CASE(one_queue_after_another)
     free(y);
 }
 
-T_MAIN((cl_bed_begin(), cl = cl_bed_open()), rec_cl_close(&cl))
+T_MAIN((cl_fault_begin(), cl_bed_begin(), cl = cl_bed_open()), rec_cl_close(&cl))

@@ -3,6 +3,7 @@
 
 #include "recon/opencl/rates.h"
 #include "tests/lib/cl_bed.h"
+#include "tests/lib/cl_fault.h"
 
 T_CASE(every_device_has_rates)
 {
@@ -25,4 +26,4 @@ T_CASE(every_device_has_rates)
     T_OK(d.text[0] != '\0' && r.copy == 0);
 }
 
-T_MAIN(cl_bed_begin(), (void)0)
+T_MAIN((cl_fault_begin(), cl_bed_begin()), (void)0)
