@@ -98,6 +98,7 @@ static void json_compute(struct dmn_json *j, const struct dmn_compute_state *c)
     dmn_json_open(j, "compute", '{');
     dmn_json_str(j, "device", c->device);
     dmn_json_int(j, "sets", (long long)c->there);
+    dmn_json_int(j, "raw", (long long)c->raw);
     dmn_json_int(j, "fell_back", (long long)c->here);
     dmn_json_str(j, "why", c->why);
     dmn_json_close(j, '}');

@@ -79,6 +79,7 @@ struct dmn_draws_state {
 struct dmn_compute_state {
     char device[128];     /* a graphics card; "": the processors */
     uint64_t there, here; /* sets solved on it; on the processors, since it could not */
+    uint64_t raw;         /* of the first: with pixels that were unpacked there */
     char why[128];        /* of the last of these; "" = none */
 };
 

@@ -66,6 +66,7 @@ void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card,
     if (card == NULL)
         return;
     atomic_fetch_add(r->on_card ? &c->there : &c->here, 1);
+    atomic_fetch_add(&c->raw, r->on_card && r->raw_on_card);
     if (!r->on_card && r->why_here[0] != '\0')
         dmn_compute_fail(c, card, r->why_here);
 }
@@ -78,6 +79,7 @@ void dmn_compute_state(struct dmn_compute_count *c, const struct rec_cl *card,
         return;
     snprintf(out->device, sizeof out->device, "%s", rec_cl_about(card)->name);
     out->there = atomic_load(&c->there);
+    out->raw = atomic_load(&c->raw);
     out->here = atomic_load(&c->here);
     pthread_mutex_lock(&c->lock);
     snprintf(out->why, sizeof out->why, "%s", c->why);

@@ -1,41 +1,13 @@
-#include "daemon/pipeline/images.h"
+#include "daemon/pipeline/images_impl.h"
 
-#include <math.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "base/mem.h"
-#include "capture/pixel/jpeg.h"
+#include "daemon/pipeline/raw.h"
+#include "recon/frame/inside.h"
 
-#define BANDS 4 /* an image is converted in so many pieces */
-#define PILE  8 /* samples at the end of a depth show that it is the end */
-
-struct dmn_images {
-    struct dmn_images_params p;
-    const struct rec_rig *rig;
-    pvx_pool *pool;
-    cap_jpeg *decoder[REC_MAX_CAMERAS]; /* NULL: no JPEG will come */
-    struct cap_maps *maps[REC_MAX_CAMERAS];
-    enum cap_pixfmt maps_for[REC_MAX_CAMERAS]; /* NONE: not made, nor tried */
-    bool coloured[REC_MAX_CAMERAS];            /* the camera's last picture was */
-    _Atomic float black;                       /* that is subtracted later */
-    struct pvx_diag maps_why[REC_MAX_CAMERAS];
-    /* one set: */
-    struct cap_image image[REC_MAX_CAMERAS]; /* data NULL = missing or bad */
-    struct pvx_diag why[REC_MAX_CAMERAS];
-    float saturated[REC_MAX_CAMERAS]; /* value of saturated bins, 0: 1 */
-    int fault[REC_MAX_CAMERAS];       /* enum dmn_image_fault, DMN_N_IMAGE = none */
-    _Atomic int bad[REC_MAX_CAMERAS];
-    struct cap_depth depth[REC_MAX_CAMERAS][BANDS];
-    int32_t row; /* the first that is looked at */
-    /* all sets: */
-    struct cap_depth all[REC_MAX_CAMERAS]; /* words of 16 bits */
-    int bits[REC_MAX_CAMERAS];
-    float *const *out;
-
-    atomic_uint_fast64_t count[REC_MAX_CAMERAS][DMN_N_IMAGE];
-};
+#define BANDS DMN_IMAGES_BANDS
 
 pvx_err dmn_images_new(const struct dmn_images_params *p, const struct rec_rig *rig, pvx_pool *pool,
                        dmn_images **out, struct pvx_diag *d)
@@ -83,7 +55,7 @@ void dmn_images_black(dmn_images *i, float black)
     atomic_store(&i->black, black);
 }
 
-/* ---- one set ---- */
+/* ---- the images of a set ---- */
 
 static enum dmn_image_fault fault_of(pvx_err e)
 {
@@ -107,48 +79,6 @@ static void decode_piece(void *ctx, size_t c)
     }
 }
 
-/* Refuse the pictures of another kind (`alike`). */
-static void check_kinds(dmn_images *i)
-{
-    bool colour = false;
-    for (size_t c = 0; c < i->rig->n_cameras; c++) {
-        if (i->image[c].data != NULL)
-            i->coloured[c] = cap_pixfmt_channels(i->image[c].fmt) == 3;
-        colour |= i->coloured[c];
-    }
-    for (size_t c = 0; c < i->rig->n_cameras && i->p.alike; c++) {
-        struct cap_image *img = &i->image[c];
-        if (img->data == NULL || i->coloured[c] == (i->p.nch == 3) || !colour)
-            continue;
-        i->fault[c] = DMN_IMAGE_KIND;
-        snprintf(i->why[c].text, sizeof i->why[c].text,
-                 i->coloured[c] ? "is a %s image, with colour, but the first images were grey: "
-                                  "solve one channel (--grey), or leave the camera out"
-                                : "is a %s image, grey, but other cameras have colour: solve one "
-                                  "channel (--grey, in pyrovoxd.yaml channels: 1), set the camera "
-                                  "to colour, or leave it out",
-                 cap_pixfmt_name(img->fmt));
-        img->data = NULL;
-    }
-}
-
-/* Refuse integers where a black level above their full scale would be subtracted. */
-static void check_black(dmn_images *i)
-{
-    float black = atomic_load(&i->black);
-    for (size_t c = 0; c < i->rig->n_cameras && black > 1; c++) {
-        struct cap_image *img = &i->image[c];
-        if (img->data == NULL || dmn_images_floats(i, c))
-            continue;
-        i->fault[c] = DMN_IMAGE_FORMAT;
-        snprintf(i->why[c].text, sizeof i->why[c].text,
-                 "is a %s image, whose black level is a share of full scale, 0 to 1: "
-                 "photometry.black is %g",
-                 cap_pixfmt_name(img->fmt), (double)black);
-        img->data = NULL;
-    }
-}
-
 static struct cap_convert_params images_how(const dmn_images *i, size_t c)
 {
     return (struct cap_convert_params){.binning = i->p.binning,
@@ -161,8 +91,7 @@ static struct cap_convert_params images_how(const dmn_images *i, size_t c)
 
 static float saturated_now(const dmn_images *i, size_t c)
 {
-    struct cap_convert_params p = images_how(i, c);
-    float s = i->image[c].data != NULL ? cap_saturated(&i->image[c], &p) : 1;
+    float s = i->image[c].data != NULL ? cap_saturated(&i->image[c], &i->how[c]) : 1;
     return s == 1 ? 0 : s;
 }
 
@@ -191,22 +120,41 @@ static void find_maps(dmn_images *i, size_t c)
     }
 }
 
+/* Rows of bins of a band, from *y0 on; returns where they end. */
+static int32_t band_rows(const dmn_images *i, size_t c, size_t band, int32_t *y0)
+{
+    int64_t rows = i->rig->cameras[c].height / i->p.binning;
+    *y0 = (int32_t)(rows * (int64_t)band / BANDS);
+    return (int32_t)(rows * (int64_t)(band + 1) / BANDS);
+}
+
+static void look_piece(void *ctx, size_t task)
+{
+    dmn_images *i = ctx;
+    size_t c = task / BANDS, band = task % BANDS;
+    int32_t y0, y1 = band_rows(i, c, band, &y0);
+    if (i->image[c].data != NULL)
+        cap_depth_look(&i->depth[c][band], &i->image[c], y0 * i->p.binning + i->row,
+                       y1 * i->p.binning, i->p.look);
+}
+
 static void bin_piece(void *ctx, size_t task)
 {
     dmn_images *i = ctx;
     size_t c = task / BANDS, band = task % BANDS;
     const struct cap_image *img = &i->image[c];
+    int32_t y0, y1 = band_rows(i, c, band, &y0);
     if (img->data == NULL)
         return;
-    const struct cap_convert_params p = images_how(i, c);
-    int64_t rows = i->rig->cameras[c].height / i->p.binning;
-    int32_t y0 = (int32_t)(rows * (int64_t)band / BANDS);
-    int32_t y1 = (int32_t)(rows * (int64_t)(band + 1) / BANDS);
-    cap_depth_look(&i->depth[c][band], img, y0 * i->p.binning + i->row, y1 * i->p.binning,
-                   i->p.look);
-    pvx_err e = y0 < y1 ? cap_convert(img, &p, y0, y1, i->out[c]) : PVX_OK;
+    pvx_err e = y0 < y1 ? cap_convert(img, &i->how[c], y0, y1, i->out[c]) : PVX_OK;
     if (e != PVX_OK)
         atomic_store(&i->bad[c], (int)e);
+}
+
+static void look_and_bin_piece(void *ctx, size_t task)
+{
+    look_piece(ctx, task);
+    bin_piece(ctx, task);
 }
 
 /* Take camera c's image and check its size.  Returns whether it is a JPEG to decode. */
@@ -231,104 +179,97 @@ static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
     return i->image[c].data != NULL && img->fmt == CAP_JPEG;
 }
 
-/* Whether a bin has a number in all its channels (Bayer pixels as they are: in one). */
-static bool has_number(const dmn_images *i, size_t c)
+/* ---- raw pictures (recon/frame/inside.h) ---- */
+
+/* Bins the pictures of the last set, which the frame has kept. */
+static bool images_bin_kept(void *ctx, uint64_t number, const struct rec_cl_raw *raw,
+                            float *const *out)
 {
-    const struct rec_camera *k = &i->rig->cameras[c];
-    size_t cs = i->p.nch == 3 ? 4 : 1, numbers = 0;
-    size_t n = (size_t)(k->width / i->p.binning) * (size_t)(k->height / i->p.binning);
-    bool one =
-        i->p.mosaic == CAP_MOSAIC_RAYS && i->p.binning == 1 && dmn_images_bayer(i, c) != NULL;
-    size_t needed = one ? 1 : (size_t)i->p.nch;
-    for (size_t b = 0; b < n && numbers < needed; b++) {
-        numbers = 0;
-        for (size_t l = 0; l < (size_t)i->p.nch; l++)
-            numbers += fabsf(i->out[c][b * cs + l]) <= REC_PHOTO_LIMIT;
-    }
-    return numbers >= needed;
+    dmn_images *i = ctx;
+    if (number != i->number)
+        return false;
+    for (size_t c = 0; c < i->rig->n_cameras; c++)
+        i->image[c].data = raw[c].layout != REC_CL_LAYOUT_NONE ? raw[c].data : NULL;
+    i->out = out;
+    pvx_pool_run(i->pool, i->rig->n_cameras * BANDS, bin_piece, i);
+    return true;
 }
 
-/* Judge the depth of camera c's samples. */
-static void judge_depth(dmn_images *i, size_t c)
+/* Whether the frame takes the pictures as they are. */
+static bool images_stay_raw(dmn_images *i, rec_frame *f)
 {
-    enum cap_pixfmt fmt = i->image[c].fmt;
-    struct cap_depth now = {0};
-    unsigned most = (1u << cap_pixfmt_depth(fmt) % 32) - 1;
-    for (size_t b = 0; b < BANDS; b++)
-        cap_depth_join(&now, &i->depth[c][b]);
-    if (cap_pixfmt_depth(fmt) == 16) {
-        cap_depth_join(&i->all[c], &now);
-        i->bits[c] = cap_depth_bits(&i->all[c], PILE);
-    } else if (now.top > most) {
-        i->fault[c] = DMN_IMAGE_FORMAT;
-        snprintf(i->why[c].text, sizeof i->why[c].text,
-                 "%s image: a sample is %u, but %d bits end at %u: its samples have more bits, or "
-                 "lie in the upper ones (%s)",
-                 cap_pixfmt_name(fmt), now.top, cap_pixfmt_depth(fmt), most,
-                 cap_pixfmt_name(cap_pixfmt_of_depth(fmt, 16)));
-    }
+    const struct rec_frame_binner bin = {images_bin_kept, i, i->number};
+    struct rec_cl_raw raw[REC_MAX_CAMERAS] = {{0}};
+    for (size_t c = 0; c < i->rig->n_cameras; c++)
+        if (i->image[c].data != NULL && !dmn_raw_of(&i->image[c], &i->how[c], &raw[c]))
+            return false;
+    return rec_frame_raw(f, raw, &bin);
 }
 
-/* Whether camera c's pixels are there.  If not, an image that came is counted by its fault. */
-static bool account(dmn_images *i, bool came, size_t c)
-{
-    pvx_err e = (pvx_err)atomic_load(&i->bad[c]);
-    if (e != PVX_OK) {
-        i->fault[c] = DMN_IMAGE_FORMAT;
-        snprintf(i->why[c].text, sizeof i->why[c].text, "%s image: %s",
-                 cap_pixfmt_name(i->image[c].fmt), pvx_strerror(e));
-    }
-    if (came && i->fault[c] == DMN_N_IMAGE)
-        judge_depth(i, c);
-    if (came && i->fault[c] == DMN_N_IMAGE && !has_number(i, c)) {
-        i->fault[c] = DMN_IMAGE_NO_NUMBER;
-        snprintf(i->why[c].text, sizeof i->why[c].text,
-                 "camera %s: no pixel is a finite number below %g: was a dark or a flat applied "
-                 "that does not fit?",
-                 i->rig->cameras[c].name, (double)REC_PHOTO_LIMIT);
-    }
-    if (came && i->fault[c] != DMN_N_IMAGE)
-        atomic_fetch_add(&i->count[c][i->fault[c]], 1);
-    return came && i->fault[c] == DMN_N_IMAGE;
-}
+/* ---- one set ---- */
 
-uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,
-                        uint64_t *mask)
+/* Judges the set's images, and prepares them for binning. */
+static void images_begin(dmn_images *i, const struct cap_image *const *image)
 {
     size_t n = i->rig->n_cameras;
     bool jpeg = false;
-    uint32_t present = 0;
+    i->number++;
     for (size_t c = 0; c < n; c++)
         jpeg |= images_look_at(i, image[c], c);
-    i->out = out;
     if (jpeg)
         pvx_pool_run(i->pool, n, decode_piece, i);
-    check_kinds(i);
-    check_black(i);
+    dmn_images_check(i);
     for (size_t c = 0; c < n && i->p.light != NULL; c++)
         find_maps(i, c);
-    for (size_t c = 0; c < n; c++)
+    for (size_t c = 0; c < n; c++) {
+        i->how[c] = images_how(i, c);
         i->saturated[c] = saturated_now(i, c);
-    pvx_pool_run(i->pool, n * BANDS, bin_piece, i);
+    }
+}
+
+/* After binning; the number of usable images, with their bits in *mask. */
+static uint32_t images_end(dmn_images *i, const struct cap_image *const *image, uint64_t *mask)
+{
+    uint32_t present = 0;
     i->row = (i->row + 1) % i->p.look;
     *mask = 0;
-    for (size_t c = 0; c < n; c++) {
-        bool good = account(i, image[c] != NULL, c);
+    for (size_t c = 0; c < i->rig->n_cameras; c++) {
+        bool good = dmn_images_account(i, image[c] != NULL, c);
         present += good;
         *mask |= good ? 1ull << c : 0;
     }
     return present;
 }
 
-uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *image, rec_frame *f,
-                              uint64_t *mask)
+uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,
+                        uint64_t *mask)
+{
+    images_begin(i, image);
+    i->out = out;
+    pvx_pool_run(i->pool, i->rig->n_cameras * BANDS, look_and_bin_piece, i);
+    return images_end(i, image, mask);
+}
+
+/* dmn_images_bin into a frame's inputs, or its room for raw pictures. */
+static uint32_t images_give(dmn_images *i, const struct cap_image *const *image, rec_frame *f,
+                            uint64_t *mask)
 {
     float *out[REC_MAX_CAMERAS] = {0};
     size_t n = i->rig->n_cameras;
-    for (size_t c = 0; c < n; c++)
+    images_begin(i, image);
+    bool raw = images_stay_raw(i, f);
+    for (size_t c = 0; c < n && !raw; c++)
         out[c] = rec_frame_input(f, c);
-    uint32_t present = dmn_images_bin(i, image, out, mask);
-    for (size_t c = 0; c < n; c++) {
+    i->out = raw ? NULL : out;
+    pvx_pool_run(i->pool, n * BANDS, raw ? look_piece : look_and_bin_piece, i);
+    return images_end(i, image, mask);
+}
+
+uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *image, rec_frame *f,
+                              uint64_t *mask)
+{
+    uint32_t present = images_give(i, image, f, mask);
+    for (size_t c = 0; c < i->rig->n_cameras; c++) {
         bool good = *mask >> c & 1;
         *rec_frame_camera(f, c) =
             good ? (struct rec_frame_camera){.present = true,
@@ -342,6 +283,8 @@ uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *imag
     }
     return present;
 }
+
+/* ---- what is known of a set ---- */
 
 const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c)
 {

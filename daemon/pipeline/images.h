@@ -45,7 +45,8 @@ void dmn_images_seen(dmn_images *i, size_t c, const struct cap_depth *d);
  * usable images, with their bits in *mask. */
 uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,
                         uint64_t *mask);
-/* The same into the inputs of a frame; also sets the frame's rec_frame_camera of each camera. */
+/* The same into a frame; also sets the frame's rec_frame_camera of each camera.  A frame whose card unpacks pictures
+ * gets them as they are, if all are raw (raw.h).  It may ask for its bins until the next set comes here. */
 uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *image, rec_frame *f,
                               uint64_t *mask);
 /* Camera c's image in the last set: colours of the 2x2 pixels of its Bayer filter; NULL = it has none. */

@@ -3,6 +3,7 @@
 #include <stdio.h>
 
 #include "base/clock.h"
+#include "recon/opencl/photo.h"
 #include "recon/opencl/solver.h"
 
 #define SETS  5      /* on the card at a time, about */
@@ -41,12 +42,31 @@ static size_t card_columns(const rec_sysmat *S, int cs, uint64_t memory)
     return n;
 }
 
+/* Of a camera's raw picture, at most: a pixel has up to 6 bytes, and a picture may have pixels that fill no bin. */
+static size_t card_raw_bytes(const rec_sysmat *S, size_t c)
+{
+    size_t side = (size_t)S->binning;
+    return 6 * side * side * (size_t)(S->block[c].bw + 1) * (size_t)(S->block[c].bh + 1);
+}
+
+/* Photometry on the card, where its floats are the processors' to the bit. */
+static pvx_err card_photo_new(rec_carver *k, struct pvx_diag *d)
+{
+    size_t cameras = k->S->n_cameras;
+    if (!rec_cl_about(k->p.card)->denormals)
+        return PVX_OK;
+    for (size_t c = 0; c < cameras; c++)
+        k->raw0[c + 1] = k->raw0[c] + card_raw_bytes(k->S, c);
+    return rec_cl_photo_new(k->p.card, k->photo, cameras, k->raw0[cameras], &k->there, d);
+}
+
 pvx_err rec_card_carver(rec_carver *k, struct pvx_diag *d)
 {
     struct rec_cl *cl = k->p.card;
     if (cl == NULL || rec_frame_card_why_not(&k->p) != NULL)
         return PVX_OK;
     k->columns = card_columns(k->S, k->p.nch == 3 ? 4 : 1, rec_cl_about(cl)->memory);
+    PVX_TRY(card_photo_new(k, d));
     return rec_cl_matrix_new(cl, k->S, &k->matrix, d);
 }
 
@@ -70,6 +90,7 @@ pvx_err rec_card_systems(rec_systems *y, const rec_carver *k, struct pvx_diag *d
 
 void rec_card_carver_fini(rec_carver *k)
 {
+    rec_cl_photo_free(&k->there);
     if (k->matrix != NULL)
         rec_cl_matrix_free(&k->matrix);
 }
@@ -100,12 +121,90 @@ static void card_say(rec_frame *f, const char *why)
     snprintf(r->why_here, sizeof r->why_here, "%s", why != NULL ? why : "its carver has no card");
 }
 
+struct card_copy {
+    rec_frame *f;
+    const struct rec_cl_raw *raw;
+};
+static void card_copy(void *ctx, size_t c)
+{
+    const struct card_copy *j = ctx;
+    struct rec_cl_raw *to = &j->f->raw[c];
+    *to = j->raw[c];
+    to->data = j->f->bytes + j->f->carver->raw0[c];
+    if (to->layout != REC_CL_LAYOUT_NONE)
+        memcpy(j->f->bytes + j->f->carver->raw0[c], j->raw[c].data, to->bytes);
+}
+
+bool rec_frame_raw(rec_frame *f, const struct rec_cl_raw *raw, const struct rec_frame_binner *bin)
+{
+    const rec_carver *k = f->carver;
+    size_t cameras = f->S->n_cameras;
+    f->bin.bin = NULL;
+    if (f->bytes == NULL || rec_cl_lost(k->p.card) != NULL)
+        return false;
+    for (size_t c = 0; c < cameras; c++)
+        if (raw[c].layout != REC_CL_LAYOUT_NONE && raw[c].bytes > k->raw0[c + 1] - k->raw0[c])
+            return false;
+    pvx_pool_run(k->pool, cameras, card_copy, &(struct card_copy){f, raw});
+    f->bin = *bin;
+    return true;
+}
+
+void rec_card_bin_here(rec_frame *f)
+{
+    const struct rec_frame_binner bin = f->bin;
+    float *out[REC_MAX_CAMERAS];
+    if (bin.bin == NULL)
+        return;
+    f->bin.bin = NULL;
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        out[c] = rec_frame_input(f, c);
+    bool done = bin.bin(bin.ctx, bin.number, f->raw, out);
+    for (size_t c = 0; !done && c < f->S->n_cameras; c++)
+        f->camera[c].present = false;
+}
+
+/* Whether all pictures of the set are raw, and the card can judge them. */
+static bool card_can_judge(const rec_frame *f)
+{
+    const rec_carver *k = f->carver;
+    bool can = f->bin.bin != NULL && f->systems->card != NULL && !(k->p.absorption > 0);
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        can = can && f->camera[c].present == (f->raw[c].layout != REC_CL_LAYOUT_NONE);
+    return can;
+}
+
+bool rec_card_photo(rec_frame *f)
+{
+    rec_carver *k = f->carver;
+    struct rec_cl_pictures to;
+    if (!card_can_judge(f))
+        return false;
+    rec_cl_queue *q = f->systems->card->queue;
+    rec_cl_system_pictures(f->systems->card, f->per_channel, &to);
+    to.here.b = f->b;
+    to.here.w = f->weight;
+    to.here.w4 = f->per_channel ? f->weight4 : NULL;
+    to.here.lit = f->lit;
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        if (k->other_background >> c & 1)
+            rec_cl_photo_background(k->there, q, c, k->background[c]);
+    k->other_background = 0;
+    bool done = rec_cl_photo_unpack(k->there, q, k->photo, f->raw, &to) &&
+                rec_cl_photo_apply(k->there, q, k->photo, &to, k->pool);
+    if (done)
+        f->bin.bin = NULL;
+    f->report.raw_on_card = done;
+    return done;
+}
+
 bool rec_card_carve(rec_frame *f, const uint8_t *const *lit, struct rec_hull_kept *kept)
 {
     rec_carver *k = f->carver;
     struct rec_frame_report *r = &f->report;
     struct rec_pictures in = rec_frame_pictures(f);
-    const struct rec_cl_carving c = {&k->p.hull, lit, f->believed, &in, f->weight};
+    const struct rec_cl_carving c = {&k->p.hull, lit,       f->believed,
+                                     &in,        f->weight, f->report.raw_on_card};
     bool too_many = false;
     if (k->p.card == NULL)
         return false;

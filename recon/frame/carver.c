@@ -85,6 +85,7 @@ pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg)
 {
     if (camera >= k->S->n_cameras)
         return PVX_EINVAL;
+    k->other_background |= 1ull << camera;
     if (bg == NULL) {
         PVX_FREE(k->background[camera]);
         return PVX_OK;
@@ -101,6 +102,7 @@ pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg)
 void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg)
 {
     float *before = k->background[camera];
+    k->other_background |= 1ull << camera;
     k->background[camera] = *bg;
     *bg = before;
 }
@@ -140,8 +142,8 @@ static float least_threshold(const rec_carver *k, size_t c, bool bayer)
     return fminf(p->floor, fmaxf(least, REC_LEAST_FLOOR));
 }
 
-/* Photometry of all cameras. */
-static void photo(rec_frame *f)
+/* What photometry is told of the pictures. */
+static void photo_pictures(rec_frame *f)
 {
     rec_carver *k = f->carver;
     size_t cameras = f->S->n_cameras;
@@ -160,7 +162,7 @@ static void photo(rec_frame *f)
         k->photo_params[c].floor = least_threshold(k, c, rec_frame_is_bayer(f, c));
         k->photo_params[c].dim = in->fine || in->pictures >= 16 ? REC_DIM_SHARE : 0;
         im->absent = !in->present;
-        im->img = rec_frame_input(f, c);
+        im->img = f->b + row0 * (size_t)f->cs;
         im->cell = rec_frame_is_mosaic(f, c) ? in->cell : NULL;
         im->bayer = rec_frame_is_bayer(f, c) ? f->S->binning : 0;
         im->binning = f->S->binning;
@@ -171,7 +173,20 @@ static void photo(rec_frame *f)
         im->weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL;
         im->lit = f->lit + row0;
     }
-    rec_photo_apply(k->photo, cameras, k->pool);
+}
+
+/* Photometry of all cameras. */
+static void photo(rec_frame *f)
+{
+    rec_carver *k = f->carver;
+    photo_pictures(f);
+    if (rec_card_photo(f))
+        return;
+    if (f->bin.bin != NULL) {
+        rec_card_bin_here(f);
+        photo_pictures(f);
+    }
+    rec_photo_apply(k->photo, f->S->n_cameras, k->pool);
 }
 
 static void absorb_camera(void *ctx, size_t c)

@@ -66,6 +66,9 @@ static pvx_err frame_allocate(rec_frame *f)
     f->least_of = pvx_reserve(f->rows);
     f->col = pvx_reserve(f->voxels * sizeof *f->col);
     f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
+    if (f->carver->there != NULL &&
+        (f->bytes = pvx_reserve(f->carver->raw0[f->S->n_cameras])) == NULL)
+        return PVX_ENOMEM;
     if (f->b == NULL || f->weight == NULL || f->lit == NULL || f->weight4 == NULL ||
         f->least == NULL || f->least_of == NULL || f->col == NULL || f->x == NULL)
         return PVX_ENOMEM;
@@ -133,6 +136,8 @@ void rec_frame_free(rec_frame **fp)
     rec_frame *f = *fp;
     if (f == NULL)
         return;
+    if (f->bytes != NULL)
+        pvx_unreserve(f->bytes, f->carver->raw0[f->S->n_cameras]);
     if (f->alone) {
         rec_carver_free(&f->carver);
         rec_solver_free(&f->solver);
@@ -153,6 +158,7 @@ void rec_frame_reset(rec_frame *f)
 {
     memset(f->camera, 0, sizeof f->camera);
     f->per_channel = f->any_least = false;
+    f->bin.bin = NULL;
     if (f->sub != NULL) {
         f->sub->card = NULL;
         f->sub->n = f->sub->rows = 0;
@@ -164,6 +170,7 @@ void rec_frame_reset(rec_frame *f)
 
 float *rec_frame_input(rec_frame *f, size_t camera)
 {
+    rec_card_bin_here(f);
     return f->b + f->S->row0[camera] * (size_t)f->cs;
 }
 

@@ -63,7 +63,8 @@ struct rec_frame_report {
     struct rec_selfcal_report selfcal;
     double temporal;            /* trust in the previous volume, 0..1 */
     bool warm;                  /* the solve started from the earlier volume */
-    bool on_card;               /* solved on params.card */
+    bool on_card;               /* solved on params.card, */
+    bool raw_on_card;           /* and its pixels were unpacked and judged there */
     char why_here[128];         /* with params.card, but solved on the processors: the reason */
     uint32_t coarse_iterations; /* iterations on coarser grids, before those of `solve` */
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */

@@ -11,6 +11,7 @@
 #include "recon/vote/vote.h"
 
 struct rec_cl_matrix;
+struct rec_cl_photo;
 struct rec_cl_solver;
 struct rec_cl_system;
 
@@ -30,8 +31,11 @@ struct rec_carver {
     struct rec_photo_params photo_params[REC_MAX_CAMERAS];
     float *plane; /* [rows][4] for mosaics */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
-    struct rec_cl_matrix *matrix; /* card.h, or NULL */
-    size_t columns;               /* room for them on the card */
+    struct rec_cl_matrix *matrix;     /* card.h, or NULL */
+    size_t columns;                   /* room for them on the card */
+    struct rec_cl_photo *there;       /* photometry on the card, or NULL */
+    uint64_t other_background;        /* bit c: the card has not yet that of camera c */
+    size_t raw0[REC_MAX_CAMERAS + 1]; /* rooms for raw pictures */
 };
 
 struct rec_solver {
@@ -75,9 +79,12 @@ struct rec_frame {
     float *weight;                  /* [rows] */
     float *weight4;                 /* [rows][4] of each channel, where cameras have mosaics */
     uint8_t *lit;                   /* [rows] */
-    double sigma[4], shot[4];       /* rec_pictures */
-    bool per_channel;               /* weight4 holds */
-    float *least;                   /* [rows] with params.at_least: rec_pictures */
+    uint8_t *bytes;                 /* carver->raw0: raw pictures, or NULL */
+    struct rec_cl_raw raw[REC_MAX_CAMERAS];
+    struct rec_frame_binner bin; /* of raw pictures that b does not have; NULL: b is written */
+    double sigma[4], shot[4];    /* rec_pictures */
+    bool per_channel;            /* weight4 holds */
+    float *least;                /* [rows] with params.at_least: rec_pictures */
     uint8_t *least_of;
     bool any_least;
 

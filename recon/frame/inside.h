@@ -4,6 +4,7 @@
 #define REC_FRAME_INSIDE_H
 #include "recon/frame/frame.h"
 #include "recon/matrix/subsys.h"
+#include "recon/opencl/raw.h"
 #include "recon/solve/average.h"
 
 /* rec_carver_background without a copy.  The carver takes *bg, which is of pvx_calloc or NULL, and gives the
@@ -39,6 +40,19 @@ PVX_MUST_CHECK pvx_err rec_kept_new(const rec_sysmat *S, int nch, rec_kept **out
 void rec_kept_free(rec_kept **k);
 void rec_frame_keep(rec_frame *f, rec_kept *k, pvx_pool *pool);
 rec_kept *rec_frame_release(rec_frame *f); /* NULL: it was not kept */
+
+/* Pixels as the cameras gave them, raw [cameras], for a card that unpacks, bins and judges them (recon/opencl/raw.h).
+ * They are copied to the slot in place of rec_frame_input.  All that are present have a layout, or it is false: then
+ * rec_frame_input has to be written, as it also has without a card that can do this.
+ * bin: unpacks and bins pictures of the slot to out [cameras], [bh][bw][cs] each, where the processors have to do it
+ * after all: in rec_frame_input, which gives binned pixels, or in rec_frame_carve.  false: it no longer can; then no
+ * camera is present. */
+struct rec_frame_binner {
+    bool (*bin)(void *ctx, uint64_t number, const struct rec_cl_raw *raw, float *const *out);
+    void *ctx;
+    uint64_t number; /* of the pictures, for bin */
+};
+bool rec_frame_raw(rec_frame *f, const struct rec_cl_raw *raw, const struct rec_frame_binner *bin);
 
 /* Restricted system and right-hand side of the carved frame.  On a graphics card the system has columns and counts
  * alone (subsys.h).  A camera that was voted out has its

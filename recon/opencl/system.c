@@ -98,8 +98,30 @@ static void upload_pictures(rec_cl_system *y, const struct rec_cl_carving *in)
     rec_cl_upload(y->queue, &a->w, 0, in->weight, bytes);
     if (y->per_channel)
         rec_cl_upload(y->queue, &a->w4, 0, in->in->w, bytes * 4);
-    a->b_here = in->in->b;
-    a->w_here = in->in->w;
+}
+
+void rec_cl_system_pictures(const rec_cl_system *y, bool per_channel, struct rec_cl_pictures *out)
+{
+    const struct rec_cl_part *a = &y->part[0];
+    *out = (struct rec_cl_pictures){.b = a->b, .w = a->w, .lit = y->hull->lit};
+    if (per_channel)
+        out->w4 = a->w4;
+}
+
+/* Pictures of cameras that the vote left out have no weight. */
+static void dismiss_pictures(rec_cl_system *y)
+{
+    const struct rec_cl_part *a = &y->part[0];
+    const struct rec_cl_geometry *g = &a->level->g;
+    for (int c = 0; c < g->cameras; c++) {
+        size_t at = (size_t)g->camera[c].row0 * sizeof(float);
+        size_t bytes = (size_t)g->camera[c].bw * (size_t)g->camera[c].bh * sizeof(float);
+        if (y->present >> c & 1)
+            continue;
+        rec_cl_zero(y->queue, &a->w, at, bytes);
+        if (y->per_channel)
+            rec_cl_zero(y->queue, &a->w4, at * 4, bytes * 4);
+    }
 }
 
 static void take_totals(rec_cl_system *y)
@@ -130,8 +152,14 @@ bool rec_cl_carve(rec_cl_system *y, const struct rec_cl_carving *in, struct rec_
     y->present = 0;
     for (int c = 0; c < y->m->level[0].g.cameras; c++)
         y->present |= (uint64_t)in->present[c] << c;
-    upload_lit(y, in->lit, in->present);
-    upload_pictures(y, in);
+    if (in->there) {
+        dismiss_pictures(y);
+    } else {
+        upload_lit(y, in->lit, in->present);
+        upload_pictures(y, in);
+    }
+    y->part[0].b_here = in->in->b;
+    y->part[0].w_here = in->in->w;
     rec_cl_hull_voxels(y, in->hull);
     rec_cl_columns(y);
     rec_cl_rows(y);

@@ -7,6 +7,7 @@
 #define REC_CL_SYSTEM_H
 #include "recon/carve/hull.h"
 #include "recon/opencl/matrix.h"
+#include "recon/opencl/photo.h"
 #include "recon/solve/card.h"
 
 /* What products with a part need (products.h: rec_cl_products_new), and what rec_cl_mark_rows leaves there. */
@@ -63,8 +64,11 @@ struct rec_cl_carving {
     const bool *present;           /* [cameras] */
     const struct rec_pictures *in; /* carved pictures, of S's rows; per_channel: w is [rows][4] */
     const float *weight;           /* [rows] also with per_channel */
+    bool there; /* pictures and silhouettes are on the device: rec_cl_system_pictures */
 };
-/* Uploads silhouettes and pictures, carves, restricts the finest level: kept->col, n, counts as rec_hull_carve, `sub`
+/* Where photometry on the device (photo.h) writes the set's pictures and silhouettes. */
+void rec_cl_system_pictures(const rec_cl_system *y, bool per_channel, struct rec_cl_pictures *out);
+/* Uploads silhouettes and pictures, unless they are there; carves, restricts the finest level: kept->col, n, counts as rec_hull_carve, `sub`
  * as rec_subsys_restrict with sub->card set.  false: the device is lost, or has no room for so many columns
  * (*too_many); sub->card is then NULL. */
 bool rec_cl_carve(rec_cl_system *y, const struct rec_cl_carving *in, struct rec_hull_kept *kept,

@@ -140,12 +140,11 @@ static inline double card_pair_reports(struct card_pair *p, const struct rec_fra
     return starts + h->coarse_iterations + h->solve.iterations + h->solve.renewals;
 }
 
-/* Carves and solves both, and compares. */
-static inline void card_pair_take(struct card_pair *p, const struct rec_sparse *before_here,
-                                  const struct rec_sparse *before_there)
+/* Carves and solves both, whose pictures are the same, and compares. */
+static inline void card_pair_solve(struct card_pair *p, const struct rec_sparse *before_here,
+                                   const struct rec_sparse *before_there)
 {
     rec_frame *h = p->here, *t = p->there;
-    card_pair_copy(p);
     rec_frame_carve(h);
     rec_frame_carve(t);
     PAIR_OK(p, t->sub->card != NULL, "carved here: %s", t->report.why_here);
@@ -160,6 +159,14 @@ static inline void card_pair_take(struct card_pair *p, const struct rec_sparse *
     PAIR_OK(p, same, "other columns");
     if (same)
         card_pair_volumes(p, K);
+}
+
+/* The same, with the pictures of the frame here. */
+static inline void card_pair_take(struct card_pair *p, const struct rec_sparse *before_here,
+                                  const struct rec_sparse *before_there)
+{
+    card_pair_copy(p);
+    card_pair_solve(p, before_here, before_there);
 }
 
 #endif

@@ -94,7 +94,7 @@ volumes_of_pocl() {
     solve here; says 0 && told here 'c is None' || return 1
     solve there --compute opencl:portable; says 0 || return 1
     [ -z "$(grep -v 'compiles the kernels, once' <<< "$out")" ] || { echo "  said: $out"; return 1; }
-    told there 'c["device"].startswith("pthread") and c["sets"] == 6 and c["fell_back"] == 0 and c["why"] == ""' && same there
+    told there 'c["device"].startswith("pthread") and c["sets"] == c["raw"] == 6 and c["fell_back"] == 0 and c["why"] == ""' && same there
 }
 check volumes_of_pocl volumes_of_pocl
 pocl_is_not_chosen() {
@@ -143,7 +143,7 @@ live() { # log, environment...: a daemon on pocl
 conf live.yaml <<< $'cameras: "sim:"\nfps: 4\ngrid: 16\ncompute: "opencl:portable"\nmetrics: {endpoint: "127.0.0.1:0"}'
 solves_live() {
     live live.log
-    wait_for field 's["compute"]["sets"] >= 8 and s["compute"]["fell_back"] == 0 and s["compute"]["device"].startswith("pthread")' || return 1
+    wait_for field 's["compute"]["sets"] >= 8 and s["compute"]["raw"] == s["compute"]["sets"] and s["compute"]["fell_back"] == 0 and s["compute"]["device"].startswith("pthread")' || return 1
     run "$pyrovox" status --endpoint "$control"; says 0 'compute   pthread' || return 1
     run "$pyrovox" ctl --control "$control" set solver.stop lcurve; says 1 'only the processors can do this' || return 1
     kill "$started" && ended "$started" 0 && grep -q 'compute: pthread.*, driver ' live.log

@@ -190,6 +190,8 @@ static uint64_t frames_in_several(struct frames_in *f, size_t i, float *const *o
         for (size_t c = 0; c < cams && frame != NULL; c++)
             if (m.mask >> c & 1)
                 camera[c] = *rec_frame_camera(frame, c);
+        if (frame != NULL)
+            (void)rec_frame_input(frame, 0); /* bins of what a card would unpack */
         pvx_pool_run(f->pool, cams, frames_in_add, &m);
         all |= m.mask;
         if (f->bar != NULL)

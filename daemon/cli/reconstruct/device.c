@@ -42,6 +42,7 @@ void reconstruct_device_tell(dmn_pipeline *p, cJSON *report)
     cJSON *to = cJSON_AddObjectToObject(report, "compute");
     cJSON_AddStringToObject(to, "device", s.device);
     cJSON_AddNumberToObject(to, "sets", (double)s.there);
+    cJSON_AddNumberToObject(to, "raw", (double)s.raw);
     cJSON_AddNumberToObject(to, "fell_back", (double)s.here);
     cJSON_AddStringToObject(to, "why", s.why);
     if (s.here > 0)
