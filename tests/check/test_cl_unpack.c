@@ -11,6 +11,12 @@ enum { CAMERAS = 6, ROUNDS = 60 };
 static const int binnings[] = {1, 2, 3, 4, 5, 8, 12, 33};
 
 static rec_cl *cl;
+/* Oclgrind checks every access, and is slow: few pictures.  Their last one, at the end of the device's bytes, is in turn
+ * of each layout, so a read beyond it is seen. */
+static const enum cap_pixfmt ends[] = {CAP_GREY8,        CAP_BAYER_RG14,    CAP_GREY10P,
+                                       CAP_GREY12PACKED, CAP_BAYER_GB10CSI, CAP_GREY12CSI};
+static bool slow;
+
 static uint32_t seen[CAP_N_FMT][2]; /* pictures by format that the device took: binning 1, more */
 
 struct shot {
@@ -63,6 +69,8 @@ static void set_new(struct set *t, unsigned first, int nch)
     for (unsigned c = 0; c < CAMERAS; c++) {
         struct shot *s = &t->of[c];
         enum cap_pixfmt fmt = (enum cap_pixfmt)(1 + (first + c) % (CAP_N_FMT - 1));
+        if (slow && c == CAMERAS - 1)
+            fmt = ends[first / CAMERAS % (sizeof ends / sizeof *ends)];
         fmt = fmt == CAP_JPEG ? CAP_GREY8 : fmt;
         shot_new(s, fmt, nch);
         s->at = t->rows;
@@ -128,7 +136,7 @@ static void check_set(struct set *t)
 
 T_CASE(equals_cap_convert)
 {
-    bool slow = getenv("T_OPENCL") != NULL;
+    slow = getenv("T_OPENCL") != NULL;
     for (unsigned round = 0; round < (slow ? 6 : ROUNDS); round++) {
         struct set t;
         set_new(&t, round * CAMERAS, round % 2 == 0 ? 1 : 3);

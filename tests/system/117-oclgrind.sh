@@ -26,6 +26,8 @@ cases() { # program
     test_cl_ops_passes) echo passes_are_those_of_the_processor ;;
     test_cl_ops_problem) echo loads_weights_and_residuals_are_those_of_the_processor,the_sum_of_channels_is_that_of_the_processor,corrections_of_cameras_are_those_of_the_processor ;;
     test_cl_ops_solves) echo starts_are_those_of_the_processor ;; # whole solves have the same kernels
+    test_cl_photo) echo equals_the_processors ;;
+    test_cl_unpack) echo equals_cap_convert ;;
     test_cl_cache | test_cl_faults | test_cl_rates) ;; # these are about the host
     test_cl_frame) ;;                                  # whole frame sets take hours, by the kernels of the others
     *) return 1 ;;
@@ -33,18 +35,18 @@ cases() { # program
 }
 clean() { # program
     local n
-    T_ONLY=$(cases "$1") || { echo "$1: say above which of its cases run here"; return 1; }
+    T_ONLY=$(cases "${1##*/}") || { echo "$1: say above which of its cases run here"; return 1; }
     [ -n "$T_ONLY" ] || return 0
     n=$(tr ',' '\n' <<< "$T_ONLY" | wc -l)
     export T_ONLY
     : > "$dir/reports"
-    "$b/tests/unit/$1" > "$dir/said" 2>&1 && [ "$(grep -c '^PASS' "$dir/said")" = "$n" ] && [ ! -s "$dir/reports" ] ||
+    "$1" > "$dir/said" 2>&1 && [ "$(grep -c '^PASS' "$dir/said")" = "$n" ] && [ ! -s "$dir/reports" ] ||
         { tail -n 40 "$dir/said"; head -n 40 "$dir/reports"; return 1; }
 }
 programs=0
-for program in "$b"/tests/unit/test_cl_*; do
+for program in "$b"/tests/{unit,check}/test_cl_*; do
     [[ -x $program && $program != *.* ]] || continue
-    check "${program##*/}" clean "${program##*/}"; programs=$((programs + 1))
+    check "${program##*/}" clean "$program"; programs=$((programs + 1))
 done
-check there_are_some [ $programs -ge 10 ]
+check there_are_some [ $programs -ge 12 ]
 exit $rc
