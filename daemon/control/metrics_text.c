@@ -90,8 +90,8 @@ static void control_compute(FILE *f, const struct dmn_compute_state *c)
     if (c->device[0] == '\0')
         return;
     counter(f, "compute_sets_total", "sets that were solved on the graphics card", c->there);
-    counter(f, "compute_raw_total",
-            "sets of these whose pixels were unpacked and judged there too", c->raw);
+    counter(f, "compute_raw_total", "sets of these whose pixels were unpacked and judged there too",
+            c->raw);
     counter(f, "compute_fell_back_total",
             "sets that were solved on the processors, because the graphics card could not",
             c->here);

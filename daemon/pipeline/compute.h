@@ -47,8 +47,8 @@ PVX_MUST_CHECK pvx_err dmn_compute_choose(struct dmn_compute *c, const struct dm
 /* Of the sets of a pipeline.  One thread notes them, any may ask. */
 struct dmn_compute_count {
     atomic_uint_fast64_t there, raw, here; /* state.h */
-    pthread_mutex_t lock; /* of `why`; held only to copy */
-    char why[128];        /* the last reason; a new one is logged */
+    pthread_mutex_t lock;                  /* of `why`; held only to copy */
+    char why[128];                         /* the last reason; a new one is logged */
 };
 /* A solved set; card NULL: nothing. */
 void dmn_compute_note(struct dmn_compute_count *c, const struct rec_cl *card,

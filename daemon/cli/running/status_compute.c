@@ -10,9 +10,9 @@ size_t compute_line(const cJSON *status, char *out, size_t size)
     double here = ask_num(status, "compute", "fell_back");
     if (device[0] == '\0' || size == 0)
         return 0;
-    size_t n = (size_t)snprintf(out, size, "%.128s, %.0f sets, %.0f from raw pixels", device,
-                                ask_num(status, "compute", "sets"),
-                                ask_num(status, "compute", "raw"));
+    size_t n =
+        (size_t)snprintf(out, size, "%.128s, %.0f sets, %.0f from raw pixels", device,
+                         ask_num(status, "compute", "sets"), ask_num(status, "compute", "raw"));
     if (here > 0 && n < size)
         n += (size_t)snprintf(out + n, size - n, "; %.0f on the processors instead: %s", here,
                               ask_text(status, "compute", "why"));
