@@ -158,7 +158,7 @@ void rec_card_bin_here(rec_frame *f)
         return;
     f->bin.bin = NULL;
     for (size_t c = 0; c < f->S->n_cameras; c++)
-        out[c] = rec_frame_input(f, c);
+        out[c] = f->b + f->S->row0[c] * (size_t)f->cs;
     bool done = bin.bin(bin.ctx, bin.number, f->raw, out);
     for (size_t c = 0; !done && c < f->S->n_cameras; c++)
         f->camera[c].present = false;
