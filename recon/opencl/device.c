@@ -9,11 +9,6 @@
 #include "base/yaml.h"
 #include "recon/opencl/impl.h"
 
-struct found {
-    cl_platform_id platform;
-    cl_device_id device;
-};
-
 static void platform_text(const struct rec_cl_library *lib, cl_platform_id p, cl_platform_info what,
                           char *out, size_t size)
 {
@@ -69,10 +64,12 @@ static void device_why_not(const struct rec_cl_library *lib, cl_device_id id, ch
                  (unsigned long long)local, REC_CL_LOCAL_NEEDED);
 }
 
-static struct rec_cl_info device_info(const struct rec_cl_library *lib, const struct found *f)
+static struct rec_cl_info device_info(const struct rec_cl_library *lib,
+                                      const struct rec_cl_found *f)
 {
     struct rec_cl_info o = {.kind = REC_CL_OTHER};
     cl_device_type type;
+    cl_bool shares;
     cl_device_fp_config floats;
     device_text(lib, f->device, CL_DEVICE_NAME, o.name, sizeof o.name);
     device_text(lib, f->device, CL_DEVICE_VENDOR, o.vendor, sizeof o.vendor);
@@ -80,6 +77,8 @@ static struct rec_cl_info device_info(const struct rec_cl_library *lib, const st
     platform_text(lib, f->platform, CL_PLATFORM_NAME, o.platform, sizeof o.platform);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_TYPE, cl_device_type, type);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_SINGLE_FP_CONFIG, cl_device_fp_config, floats);
+    DEVICE_NUMBER(lib, f->device, CL_DEVICE_HOST_UNIFIED_MEMORY, cl_bool, shares);
+    o.shares = shares != CL_FALSE;
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_GLOBAL_MEM_SIZE, cl_ulong, o.memory);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_MAX_MEM_ALLOC_SIZE, cl_ulong, o.largest);
     DEVICE_NUMBER(lib, f->device, CL_DEVICE_MAX_COMPUTE_UNITS, cl_uint, o.units);
@@ -93,7 +92,27 @@ static struct rec_cl_info device_info(const struct rec_cl_library *lib, const st
     return o;
 }
 
-static size_t devices_find(const struct rec_cl_library *lib, struct found out[REC_CL_MOST])
+/* The lower the better. */
+static int device_rank(const struct rec_cl_info *o)
+{
+    static const char *const for_all[] = {"rusticl", "Clover", "Portable Computing Language"};
+    bool any = false;
+    for (size_t i = 0; i < sizeof for_all / sizeof *for_all; i++)
+        any |= strcasestr(o->platform, for_all[i]) != NULL;
+    return (o->kind != REC_CL_GPU) * 4 + o->shares * 2 + any;
+}
+static int found_later(const void *a, const void *b)
+{
+    const struct rec_cl_found *x = a, *y = b;
+    int rank = device_rank(&x->info) - device_rank(&y->info);
+    return rank != 0 ? rank : x->number < y->number ? -1 : 1;
+}
+void rec_cl_sort(struct rec_cl_found *f, size_t n)
+{
+    qsort(f, n, sizeof *f, found_later);
+}
+
+static size_t devices_find(const struct rec_cl_library *lib, struct rec_cl_found out[REC_CL_MOST])
 {
     cl_platform_id platform[REC_CL_MOST];
     cl_uint platforms = 0;
@@ -106,9 +125,12 @@ static size_t devices_find(const struct rec_cl_library *lib, struct found out[RE
         if (lib->GetDeviceIDs(platform[p], CL_DEVICE_TYPE_ALL, REC_CL_MOST, device, &devices) !=
             CL_SUCCESS)
             continue;
-        for (cl_uint i = 0; i < devices && i < REC_CL_MOST && n < REC_CL_MOST; i++)
-            out[n++] = (struct found){platform[p], device[i]};
+        for (cl_uint i = 0; i < devices && i < REC_CL_MOST && n < REC_CL_MOST; i++, n++) {
+            out[n] = (struct rec_cl_found){platform[p], device[i], .number = n};
+            out[n].info = device_info(lib, &out[n]);
+        }
     }
+    rec_cl_sort(out, n);
     return n;
 }
 
@@ -121,13 +143,13 @@ static pvx_err devices_none(struct pvx_diag *d)
 
 size_t rec_cl_list(struct rec_cl_info out[REC_CL_MOST], struct pvx_diag *d)
 {
-    struct found found[REC_CL_MOST];
+    struct rec_cl_found found[REC_CL_MOST];
     const struct rec_cl_library *lib = rec_cl_library(d);
     size_t n = lib != NULL ? devices_find(lib, found) : 0;
     if (lib != NULL && n == 0)
         (void)devices_none(d);
     for (size_t i = 0; i < n; i++)
-        out[i] = device_info(lib, &found[i]);
+        out[i] = found[i].info;
     return n;
 }
 
@@ -139,14 +161,14 @@ static bool device_is_meant(const struct rec_cl_info *o, const char *name)
 }
 
 /* No device has the name: what there is. */
-static pvx_err device_unknown(const char *name, const struct rec_cl_info *o, size_t n,
+static pvx_err device_unknown(const char *name, const struct rec_cl_found *f, size_t n,
                               struct pvx_diag *d)
 {
     char text[512] = "";
     size_t at = 0;
     for (size_t i = 0; i < n && at < sizeof text; i++) {
-        int more = snprintf(text + at, sizeof text - at, "%s%s (%s)", i > 0 ? ", " : "", o[i].name,
-                            o[i].platform);
+        int more = snprintf(text + at, sizeof text - at, "%s%s (%s)", i > 0 ? ", " : "",
+                            f[i].info.name, f[i].info.platform);
         at += more > 0 ? (size_t)more : 0;
     }
     if (name[0] == '\0')
@@ -156,28 +178,28 @@ static pvx_err device_unknown(const char *name, const struct rec_cl_info *o, siz
 }
 
 /* The first one that is meant and can be used. */
-static pvx_err device_choose(const struct rec_cl_library *lib, const char *name, struct found *out,
-                             struct pvx_diag *d)
+static pvx_err device_choose(const struct rec_cl_library *lib, const char *name,
+                             struct rec_cl_found *out, struct pvx_diag *d)
 {
-    struct found found[REC_CL_MOST];
-    struct rec_cl_info o[REC_CL_MOST];
-    size_t n = devices_find(lib, found), unfit = n;
+    struct rec_cl_found found[REC_CL_MOST];
+    const struct rec_cl_info *unfit = NULL;
+    size_t n = devices_find(lib, found);
     if (n == 0)
         return devices_none(d);
-    for (size_t i = n; i-- > 0;) {
-        o[i] = device_info(lib, &found[i]);
-        if (device_is_meant(&o[i], name) && (o[i].why_not[0] == '\0' || unfit == n))
-            unfit = i;
-    }
-    for (size_t i = 0; i < n; i++)
-        if (device_is_meant(&o[i], name) && o[i].why_not[0] == '\0') {
+    for (size_t i = 0; i < n; i++) {
+        const struct rec_cl_info *o = &found[i].info;
+        if (!device_is_meant(o, name))
+            continue;
+        if (o->why_not[0] == '\0') {
             *out = found[i];
             return PVX_OK;
         }
-    if (unfit < n)
-        return pvx_fail(d, PVX_EUNSUP, "%s (%s) cannot be used: %s", o[unfit].name,
-                        o[unfit].platform, o[unfit].why_not);
-    return device_unknown(name, o, n, d);
+        unfit = unfit != NULL ? unfit : o;
+    }
+    if (unfit != NULL)
+        return pvx_fail(d, PVX_EUNSUP, "%s (%s) cannot be used: %s", unfit->name, unfit->platform,
+                        unfit->why_not);
+    return device_unknown(name, found, n, d);
 }
 
 static pvx_err device_fill(rec_cl *cl, struct pvx_diag *d)
@@ -204,7 +226,7 @@ static double device_patience(void)
     return s;
 }
 
-static pvx_err device_open(const struct rec_cl_library *lib, const struct found *which,
+static pvx_err device_open(const struct rec_cl_library *lib, const struct rec_cl_found *which,
                            rec_cl **out, struct pvx_diag *d)
 {
     rec_cl *cl = *out = pvx_calloc(1, sizeof *cl);
@@ -212,7 +234,7 @@ static pvx_err device_open(const struct rec_cl_library *lib, const struct found 
     cl->lib = lib;
     cl->platform = which->platform;
     cl->device = which->device;
-    cl->info = device_info(lib, which);
+    cl->info = which->info;
     cl->patience = device_patience();
     pthread_mutex_init(&cl->zeroing, NULL);
     pvx_err e = device_fill(cl, d);
@@ -223,7 +245,7 @@ static pvx_err device_open(const struct rec_cl_library *lib, const struct found 
 
 pvx_err rec_cl_open(const char *name, rec_cl **out, struct pvx_diag *d)
 {
-    struct found which = {NULL, NULL};
+    struct rec_cl_found which;
     *out = NULL;
     const struct rec_cl_library *lib = rec_cl_library(d);
     if (lib == NULL)
@@ -238,7 +260,7 @@ pvx_err rec_cl_open(const char *name, rec_cl **out, struct pvx_diag *d)
 
 pvx_err rec_cl_open_bare(size_t number, rec_cl **out, struct pvx_diag *d)
 {
-    struct found found[REC_CL_MOST];
+    struct rec_cl_found found[REC_CL_MOST];
     *out = NULL;
     const struct rec_cl_library *lib = rec_cl_library(d);
     if (lib == NULL)

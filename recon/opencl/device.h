@@ -27,16 +27,20 @@ struct rec_cl_info {
     enum rec_cl_kind kind;
     uint64_t memory, largest; /* bytes: all of it; of one buffer */
     uint32_t units, mhz;
+    bool shares;      /* its memory is the host's */
     bool denormals;   /* its floats keep them: photometry's numbers are the host's */
     char why_not[96]; /* "": it can be used */
 };
 #define REC_CL_MOST 16 /* devices that are listed */
 
-/* All devices of all platforms in their order.  0 and text in *d: there is none, and why. */
+/* All devices of all platforms: graphics cards first, of those the ones with memory of their own, of those the ones by
+ * the driver of their vendor, which comes before those of Mesa and pocl for the same card; then in the platforms' order.
+ * 0 and text in *d: there is none, and why. */
 size_t rec_cl_list(struct rec_cl_info out[REC_CL_MOST], struct pvx_diag *d);
 
 typedef struct rec_cl rec_cl;
-/* The first device whose name or platform has `name` in it, in any case; "": the first GPU that can be used.
+/* The first device of the list whose name or platform has `name` in it, in any case; "": the first GPU.  One that can be
+ * used comes before the others.
  * Errors: PVX_ENOENT (diag: the devices that there are), PVX_EUNSUP, PVX_ENODEV, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_cl_open(const char *name, rec_cl **out, struct pvx_diag *d);
 /* After all that was made with it is freed. */

@@ -24,6 +24,16 @@ struct rec_cl {
     char why[192];
 };
 
+/* A device of a platform, as it was found. */
+struct rec_cl_found {
+    cl_platform_id platform;
+    cl_device_id device;
+    struct rec_cl_info info;
+    size_t number; /* in the platforms' order */
+};
+/* To the order of rec_cl_list. */
+void rec_cl_sort(struct rec_cl_found *f, size_t n);
+
 /* The device with this number in rec_cl_list, without programs: for measurements. */
 PVX_MUST_CHECK pvx_err rec_cl_open_bare(size_t number, rec_cl **out, struct pvx_diag *d);
 

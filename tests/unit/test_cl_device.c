@@ -28,6 +28,34 @@ T_CASE(lists_what_there_is)
     T_OK(o[found].denormals && rec_cl_about(cl)->denormals); /* pocl and Oclgrind keep them */
 }
 
+/* The same card by three drivers, a card within the processor, the processor by two. */
+T_CASE(the_order_of_devices)
+{
+    static const struct rec_cl_found there[] = {
+        {.info = {"EPYC", .platform = "Portable Computing Language", .kind = REC_CL_CPU,
+                  .shares = true}},
+        {.info = {"radeonsi", .platform = "rusticl", .kind = REC_CL_GPU}},
+        {.info = {"Iris", .platform = "Intel(R) OpenCL Graphics", .kind = REC_CL_GPU,
+                  .shares = true}},
+        {.info = {"gfx1100", .platform = "AMD Accelerated Parallel Processing",
+                  .kind = REC_CL_GPU}},
+        {.info = {"gfx1101", .platform = "AMD Accelerated Parallel Processing",
+                  .kind = REC_CL_GPU}},
+        {.info = {"Xeon", .platform = "Intel(R) OpenCL", .kind = REC_CL_CPU, .shares = true}},
+    };
+    enum { COUNT = sizeof there / sizeof *there };
+    static const char *const want[COUNT] = {"gfx1100", "gfx1101", "radeonsi",
+                                            "Iris",    "Xeon",    "EPYC"};
+    struct rec_cl_found f[COUNT];
+    for (size_t i = 0; i < COUNT; i++) {
+        f[i] = there[i];
+        f[i].number = i;
+    }
+    rec_cl_sort(f, COUNT);
+    for (size_t i = 0; i < COUNT; i++)
+        T_EQ_S(f[i].info.name, want[i]);
+}
+
 T_CASE(a_name_that_is_not_there)
 {
     struct pvx_diag d = {""};
