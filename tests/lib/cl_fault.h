@@ -16,6 +16,7 @@
 static __typeof__(&pyrovox_cl_fault) cl_fault_set;
 static __typeof__(&pyrovox_cl_happened) cl_fault_asked;
 static __typeof__(&pyrovox_cl_objects) cl_fault_objects;
+static __typeof__(&pyrovox_cl_watch) cl_watch;
 
 /* The first call of main: the program begins anew with the shim in front. */
 static inline void cl_fault_begin(void)
@@ -34,7 +35,9 @@ static inline void cl_fault_begin(void)
     *(void **)&cl_fault_set = so != NULL ? dlsym(so, "pyrovox_cl_fault") : NULL;
     *(void **)&cl_fault_asked = so != NULL ? dlsym(so, "pyrovox_cl_happened") : NULL;
     *(void **)&cl_fault_objects = so != NULL ? dlsym(so, "pyrovox_cl_objects") : NULL;
-    if (cl_fault_objects == NULL || cl_fault_set == NULL || cl_fault_asked == NULL) {
+    *(void **)&cl_watch = so != NULL ? dlsym(so, "pyrovox_cl_watch") : NULL;
+    if (cl_watch == NULL || cl_fault_objects == NULL || cl_fault_set == NULL ||
+        cl_fault_asked == NULL) {
         printf("FAIL %s/libOpenCL.so.1 is not there\n", path);
         exit(1);
     }

@@ -18,7 +18,9 @@ __attribute__((weak)) int main(void)
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) /* these have their own */
-int pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *), void *arg)
+/* A test may have one of its own. */
+__attribute__((weak)) int pthread_create(pthread_t *thread, const pthread_attr_t *attr,
+                                         void *(*run)(void *), void *arg)
 {
     typedef int create(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *);
     union {
