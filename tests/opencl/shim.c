@@ -270,8 +270,9 @@ PLAIN(clGetProgramBuildInfo,
       (p, d, i, n, out, all))
 RELEASES(clReleaseProgram, (cl_program p), (p))
 MAKES(cl_kernel, clCreateKernel, (cl_program p, const char *name, cl_int *error), (p, name, error))
-PLAIN(clSetKernelArg, (cl_kernel k, cl_uint i, size_t n, const void *value), (k, i, n, value))
-RELEASES(clReleaseKernel, (cl_kernel k), (k))
+PLAIN(clSetKernelArg, (cl_kernel k, cl_uint i, size_t n, const void *value),
+      (k, i, n, (strict_argument(k), value)))
+RELEASES(clReleaseKernel, (cl_kernel k), ((strict_kernel(k), k)))
 MAKES(cl_mem, clCreateBuffer,
       (cl_context c, cl_mem_flags flags, size_t n, void *host, cl_int *error),
       (c, flags, n, host, error))
@@ -296,10 +297,10 @@ ENQUEUES_AND(clEnqueueReadBuffer,
               WAIT_LIST),
              (q, m, wait, at, bytes, through, n, list, event), void *through = malloc(bytes),
              strict_transfer(q, to, through, bytes))
-ENQUEUES(clEnqueueNDRangeKernel,
-         (cl_command_queue q, cl_kernel k, cl_uint axes, const size_t *from, const size_t *all,
-          const size_t *group, WAIT_LIST),
-         (q, k, axes, from, all, group, n, list, event))
+ENQUEUES_AND(clEnqueueNDRangeKernel,
+             (cl_command_queue q, cl_kernel k, cl_uint axes, const size_t *from, const size_t *all,
+              const size_t *group, WAIT_LIST),
+             (q, k, axes, from, all, group, n, list, event), strict_kernel(k), (void)0)
 ENQUEUES(clEnqueueMarkerWithWaitList, (cl_command_queue q, WAIT_LIST), (q, n, list, event))
 ENQUEUES(clEnqueueBarrierWithWaitList, (cl_command_queue q, WAIT_LIST), (q, n, list, event))
 

@@ -8,8 +8,9 @@
 #include <unistd.h>
 
 /* That are not released.  A device that is lost keeps what it has. */
-#define QUEUES 4096
-#define EVENTS 4096
+#define QUEUES  4096
+#define EVENTS  4096
+#define KERNELS 65536 /* places: those that meet there are not watched at once */
 
 /* Commands have numbers, from 1 on. */
 struct queue {
@@ -34,6 +35,10 @@ static struct {
     struct event event[EVENTS];
     struct transfer *transfer;
     size_t transfers, room;
+    struct {
+        cl_kernel k;
+        pthread_t thread;
+    } argument[KERNELS];
 } now = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static void strict_fail(const char *what)
@@ -141,6 +146,29 @@ void strict_released(cl_event event)
     struct event *e = event_of(event);
     if (e != NULL)
         e->event = NULL;
+    pthread_mutex_unlock(&now.lock);
+}
+
+static size_t place_of(cl_kernel k)
+{
+    return (size_t)((uintptr_t)k / 16 % KERNELS);
+}
+void strict_argument(cl_kernel k)
+{
+    size_t i = place_of(k);
+    pthread_mutex_lock(&now.lock);
+    if (now.argument[i].k == k && !pthread_equal(now.argument[i].thread, pthread_self()))
+        strict_fail("two threads set the arguments of a kernel");
+    now.argument[i].k = k;
+    now.argument[i].thread = pthread_self();
+    pthread_mutex_unlock(&now.lock);
+}
+void strict_kernel(cl_kernel k)
+{
+    size_t i = place_of(k);
+    pthread_mutex_lock(&now.lock);
+    if (now.argument[i].k == k)
+        now.argument[i].k = NULL;
     pthread_mutex_unlock(&now.lock);
 }
 

@@ -7,6 +7,7 @@
 #include "recon/matrix/active.h"
 #include "tests/lib/scene.h"
 #include "tests/lib/card_pair.h"
+#include "tests/lib/cl_fault.h"
 
 static rec_cl *cl;
 
@@ -545,4 +546,4 @@ T_CASE(what_only_processors_can_do)
     scene_free(&s);
 }
 
-T_MAIN((cl_bed_begin(), print_hash(), cl = cl_bed_open()), rec_cl_close(&cl))
+T_MAIN((cl_fault_begin(), cl_bed_begin(), print_hash(), cl = cl_bed_open()), rec_cl_close(&cl))
