@@ -10,7 +10,7 @@
 
 #include "daemon/pipeline/images.h"
 #include "daemon/pipeline/pipeline.h"
-#include "recon/opencl/device.h"
+#include "recon/opencl/impl.h"
 
 #define TURNS 5 /* of 256^3 on a device that is no GPU 1: it takes half a minute */
 
@@ -36,6 +36,7 @@ struct side {
     double least[STAGES]; /* ms */
     double error, rate;
     bool raw_on_card;
+    uint64_t bytes; /* of the device's memory */
     int sets, left; /* of the pipeline */
 };
 
@@ -133,6 +134,23 @@ static double bytes_per_iteration(const rec_frame *f)
            (double)r->active_voxels * 316 + (double)r->active_rays * 64;
 }
 
+/* ||there - here|| / ||here||; NaN: they have not the same voxels. */
+static double volumes_apart(const struct side side[2])
+{
+    struct rec_sparse h, t;
+    double off = 0, all = 0;
+    rec_frame_volume(side[0].f, &h);
+    rec_frame_volume(side[1].f, &t);
+    if (t.n != h.n || memcmp(t.index, h.index, (size_t)h.n * sizeof *h.index) != 0)
+        return NAN;
+    for (size_t i = 0; i < (size_t)h.n * (size_t)h.cs; i++) {
+        double d = (double)t.value[i] - (double)h.value[i];
+        off += d * d;
+        all += (double)h.value[i] * (double)h.value[i];
+    }
+    return sqrt(off / all);
+}
+
 static void size_say(FILE *csv, const int32_t size[3], const struct side side[2])
 {
     const struct rec_frame_report *r = rec_frame_get_report(side[0].f),
@@ -141,7 +159,8 @@ static void size_say(FILE *csv, const int32_t size[3], const struct side side[2]
     printf("\n%d^3 trilinear from 8 x %dx%d: %lld voxels, %lld rays, %.2f M entries; %u + %u "
            "iterations here, %u + %u there%s%s\n"
            "  %.1f MB an iteration, %.3f ms at 3 TB/s; volume error %.4f here, %.4f there, %.5f "
-           "times as large\n",
+           "times as large\n"
+           "  the volumes differ by %.2g; matrix, solver and a set take %.2f GB there\n",
            size[2], size[0], size[1], (long long)r->active_voxels, (long long)r->active_rays,
            (double)r->entries * 1e-6, r->coarse_iterations, r->solve.iterations,
            t->coarse_iterations, t->solve.iterations,
@@ -149,13 +168,14 @@ static void size_say(FILE *csv, const int32_t size[3], const struct side side[2]
            : side[1].raw_on_card ? ""
                                  : ", UNPACKED HERE",
            t->why_here, bytes * 1e-6, bytes / 3e9, side[0].error, side[1].error,
-           side[1].error / side[0].error);
+           side[1].error / side[0].error, volumes_apart(side), 1e-9 * (double)side[1].bytes);
     for (int k = 0; k < 2; k++) {
         for (int i = 0; i < STAGES; i++)
             bench_row(csv, "%d,%d,%d,%s,%s,%.4f,%.1f", size[2], size[0], size[1], side[k].name,
                       stage_names[i], side[k].least[i], i == ALL ? 1e3 / side[k].least[i] : 0.0);
-        bench_row(csv, "%d,%d,%d,%s,%s,%.4f,%.1f", size[2], size[0], size[1], side[k].name,
-                  "sets in a row", 1e3 / side[k].rate, side[k].rate);
+        if (side[k].rate > 0)
+            bench_row(csv, "%d,%d,%d,%s,%s,%.4f,%.1f", size[2], size[0], size[1], side[k].name,
+                      "sets in a row", 1e3 / side[k].rate, side[k].rate);
     }
 }
 
@@ -192,6 +212,7 @@ static void run(FILE *csv, const int32_t size[3], pvx_pool *pool)
     side[1].p.card = cl;
     for (int k = 0; k < 2; k++)
         side_new(&side[k], &t, pool);
+    side[1].bytes = atomic_load(&cl->used);
     for (int turn = 0; turn < (quick ? TURNS : 1); turn++)
         for (int k = 0; k < 2; k++)
             side_turn(&side[k]);

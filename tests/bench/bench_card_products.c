@@ -2,7 +2,7 @@
  * what the matrix takes there (recon/opencl/README.md: bytes).
  *
  *     CARD=NAME      part of the device's or the platform's name (default: Portable, which is pocl)
- *     CARD_SIZES=N   the first N of 64^3, 128^3, 256^3 (default: 1)
+ *     CARD_SIZES=N   the first N of 64^3, 128^3, 256^3 (default: 1); 256: that one alone
  *
  * Rate: a copy within the device's memory, read plus written.  Times are the shortest of eight turns of REPEATS products.
  * A device that is a CPU only shows that this runs. */
@@ -174,8 +174,10 @@ int main(void)
     b.q = cl_bed_queue(b.cl);
     b.rate = copy_rate(b.cl);
     printf("%s: %.3g GB/s\n", rec_cl_about(b.cl)->name, 1e-9 * b.rate);
-    for (int i = 0; i < (sizes != NULL ? atoi(sizes) : 1) && i < 3; i++)
-        size_of(&b, size[i]);
+    const int n = sizes != NULL ? atoi(sizes) : 1;
+    for (int i = 0; i < 3; i++)
+        if (i < n && (n <= 3 || size[i] == n))
+            size_of(&b, size[i]);
     rec_cl_queue_free(&b.q);
     rec_cl_close(&b.cl);
     return 0;
