@@ -60,7 +60,6 @@
     X(PCG_ROWS_SQUARE, pcg_rows_square, pcg)             \
     X(PCG_CURVATURE, pcg_curvature, pcg)                 \
     X(PCG_STEP, pcg_step, pcg)                           \
-    X(PCG_CLIP, pcg_clip, pcg)                           \
     X(PCG_ROWS_STEP, pcg_rows_step, pcg)                 \
     X(PCG_SMOOTHNESS, pcg_smoothness, pcg)               \
     X(PCG_GRADIENT, pcg_gradient, pcg)                   \

@@ -103,6 +103,7 @@ static void ops_refine(const struct rec_subsys *coarse, const float *x,
 }
 
 const struct rec_card_ops rec_cl_ops = {
+    .later = rec_cl_later,
     .load = rec_cl_load,
     .residual = rec_cl_residual,
     .copy = rec_cl_copy_x,

@@ -1,4 +1,4 @@
-/* ops.h - a solver on a device, for the files that have its operations: ops_problem.c, ops_pcg.c and ops.c.
+/* ops.h - a solver on a device, for the files that have its operations: sums.c, ops_problem.c, ops_pcg.c and ops.c.
  * Private to recon/opencl. */
 #ifndef REC_CL_OPS_H
 #define REC_CL_OPS_H
@@ -31,6 +31,14 @@ struct rec_cl_solver {
     struct rec_cl_buffer smooth[REC_CL_LEVELS]; /* struct rec_cl_smooth */
     struct rec_cl_buffer shot;                  /* struct rec_cl_shot [cameras] */
     struct rec_cl_buffer tiles; /* double [cameras][REC_SELFCAL_TILES][REC_SELFCAL_SUMS] */
+
+    /* Sums that are on their way, by their slots of the queue's parts. */
+    struct {
+        double *to; /* [4] */
+        uint32_t groups;
+    } want[REC_CL_SUMS];
+    uint32_t wanted;
+    bool later; /* the next ones are not waited for (card.h) */
 };
 
 /* The twin of a vector. */
@@ -72,7 +80,8 @@ static inline size_t rec_cl_level_of(const struct rec_cl_at *t)
 #define REC_CL_NEAR(t)                                                                \
     REC_CL_BUFFER(&(t)->s->smooth[rec_cl_level_of(t)]), REC_CL_BUFFER(&(t)->a->near), \
         REC_CL_VALUE((t)->a->room)
-#define REC_CL_TO_PARTS(t) REC_CL_BUFFER(rec_cl_parts((t)->q))
+/* Of a kernel that has sums: the parts, and its first slot.  rec_cl_want follows it for each of them. */
+#define REC_CL_TO_PARTS(t) REC_CL_BUFFER(rec_cl_parts((t)->q)), REC_CL_VALUE((t)->s->wanted)
 /* Kernels over columns, over bins. */
 #define REC_CL_COLUMNS(t, kernel, ...) \
     REC_CL_RUN((t)->q, kernel, (t)->cs, (t)->columns, REC_CL_FLAT, __VA_ARGS__)
@@ -88,13 +97,24 @@ static inline int rec_cl_per_channel(const rec_problem *pb)
     return pb->in.per_channel;
 }
 
-/* The first n sums of one kernel, n <= 4, over its groups; lost: all 0. */
+/* ---- sums.c ---------------------------------------------------------------------------------------*/
+
+/* The next sum of the kernel that was enqueued last, over its groups, goes to to [4]. */
+void rec_cl_want(const struct rec_cl_at *t, size_t groups, double to[4]);
+/* Waits for the sums that are wanted, or leaves them to the next call (rec_cl_later); lost: all 0. */
+void rec_cl_fetch(const struct rec_cl_at *t);
+/* rec_card_later. */
+void rec_cl_later(const struct rec_subsys *sub);
+/* All n sums of one kernel, and those that wait. */
 static inline void rec_cl_sums_of(const struct rec_cl_at *t, size_t groups, size_t n,
                                   double (*out)[4])
 {
-    const uint32_t of = (uint32_t)groups, each[4] = {of, of, of, of};
-    (void)rec_cl_sums(t->q, each, n, out);
+    for (size_t i = 0; i < n; i++)
+        rec_cl_want(t, groups, out[i]);
+    rec_cl_fetch(t);
 }
+
+/* ---- the operations -------------------------------------------------------------------------------*/
 
 /* ops_problem.c */
 void rec_cl_load(rec_problem *pb, struct rec_card_load *out);
@@ -109,6 +129,6 @@ void rec_cl_scale(rec_problem *pb, const float scale[4], float *x, float *r, flo
 void rec_cl_diagonal(rec_problem *pb, double *sum, double *chord);
 void rec_cl_differences(rec_problem *pb, double first[4], double second[4], double *blocks);
 /* ops_pcg.c */
-void rec_cl_pass(struct rec_pcg *t, enum rec_pcg_pass pass, double sums[3][4]);
+void rec_cl_pass(struct rec_pcg *t, enum rec_pcg_pass pass, double (*sums)[4]);
 
 #endif

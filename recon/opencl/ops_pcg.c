@@ -1,18 +1,6 @@
 /* The loops of solve/passes/pcg_pass_impl.h, in its order. */
 #include "recon/opencl/ops.h"
 
-#include <string.h>
-
-/* Sums of slots 0 .. n-1, each of so many groups. */
-static void pass_sums(const struct rec_cl_at *t, const size_t *groups, size_t n, double (*out)[4])
-{
-    uint32_t each[3];
-    for (size_t i = 0; i < n; i++)
-        each[i] = (uint32_t)groups[i];
-    (void)rec_cl_sums(t->q, each, n, out); /* lost: all 0 */
-}
-#define SUMS(t, n, out, ...) pass_sums(t, (const size_t[]){__VA_ARGS__}, n, out)
-
 static void pass_begin(const struct rec_cl_at *t, struct rec_pcg *v)
 {
     REC_CL_COLUMNS(t, REC_CL_K_PCG_BEGIN, REC_CL_VALUE(t->n), REC_CL_NEAR(t),
@@ -36,7 +24,7 @@ static void pass_direction(const struct rec_cl_at *t, struct rec_pcg *v, double 
     REC_CL_COLUMNS(t, REC_CL_K_PCG_DIRECTION, REC_CL_VALUE(t->n), REC_CL_VALUE(beta),
                    REC_CL_VALUE(mu), REC_CL_VECTOR(t, v->x), REC_CL_VECTOR(t, v->phi),
                    REC_CL_VECTOR(t, v->scale), REC_CL_VECTOR(t, v->d), REC_CL_TO_PARTS(t));
-    SUMS(t, 1, sums, t->columns);
+    rec_cl_sums_of(t, t->columns, 1, sums);
 }
 
 static void pass_curvature(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
@@ -46,50 +34,40 @@ static void pass_curvature(const struct rec_cl_at *t, struct rec_pcg *v, double 
                    false);
     REC_CL_ROWS(t, REC_CL_K_PCG_ROWS_SQUARE, REC_CL_BINS(t), REC_CL_WEIGHTS(t, v->pb, four),
                 REC_CL_VECTOR(t, v->q), REC_CL_TO_PARTS(t));
+    rec_cl_want(t, t->rows, sums[0]);
     REC_CL_COLUMNS(t, REC_CL_K_PCG_CURVATURE, REC_CL_VALUE(t->n), REC_CL_NEAR(t),
                    REC_CL_VECTOR(t, v->d), REC_CL_VECTOR(t, v->stiff.by), REC_CL_TO_PARTS(t));
-    SUMS(t, 2, sums, t->rows, t->columns);
+    rec_cl_sums_of(t, t->columns, 1, sums + 1);
 }
 
+/* ar is free between a step and the next gradient, and has e.  How much was clipped is known on the device alone. */
 static void pass_step(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
-{
-    const cl_float4 alpha = rec_cl_four(v->alpha);
-    double both[2][4];
-    REC_CL_COLUMNS(t, REC_CL_K_PCG_STEP, REC_CL_VALUE(t->n), REC_CL_VALUE(alpha),
-                   REC_CL_VECTOR(t, v->x), REC_CL_VECTOR(t, v->d), REC_CL_VECTOR(t, v->next),
-                   REC_CL_TO_PARTS(t));
-    SUMS(t, 2, both, t->columns, t->columns);
-    memcpy(sums[0], both[0], sizeof both[0]);
-    v->any_clipped = both[1][0] > 0;
-}
-
-/* q = A d + A e.  ar is free between a step and the next gradient, and has e. */
-static void pass_clipped(const struct rec_cl_at *t, struct rec_pcg *v)
 {
     const cl_float4 alpha = rec_cl_four(v->alpha);
     double each[4];
     for (int l = 0; l < 4; l++)
         each[l] = v->alpha[l] > 0 ? 1 / v->alpha[l] : 0;
     const cl_float4 inverse = rec_cl_four(each);
-    REC_CL_COLUMNS(t, REC_CL_K_PCG_CLIP, REC_CL_VALUE(t->n), REC_CL_VALUE(alpha),
+    REC_CL_COLUMNS(t, REC_CL_K_PCG_STEP, REC_CL_VALUE(t->n), REC_CL_VALUE(alpha),
                    REC_CL_VALUE(inverse), REC_CL_VECTOR(t, v->x), REC_CL_VECTOR(t, v->d),
-                   REC_CL_VECTOR(t, v->ar));
+                   REC_CL_VECTOR(t, v->next), REC_CL_VECTOR(t, v->ar), REC_CL_TO_PARTS(t));
+    v->any_clipped = true;
+    rec_cl_sums_of(t, t->columns, 1, sums);
+}
+
+/* q = A d + A e. */
+static void pass_clipped(const struct rec_cl_at *t, struct rec_pcg *v)
+{
     rec_cl_forward(t->q, t->a, t->cs, rec_cl_twin_of(t->s, v->ar), rec_cl_twin_of(t->s, v->q),
                    true);
 }
 
-/* lx; sums from `slot` on. */
-static void put_lx(const struct rec_cl_at *t, struct rec_pcg *v, uint32_t slot)
+static void pass_smoothness(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
 {
     REC_CL_COLUMNS(t, REC_CL_K_PCG_SMOOTHNESS, REC_CL_VALUE(t->n), REC_CL_NEAR(t),
                    REC_CL_VECTOR(t, v->x), REC_CL_VECTOR(t, v->stiff.by),
-                   REC_CL_VECTOR(t, v->stiff.inverse), REC_CL_VECTOR(t, v->lx), REC_CL_VALUE(slot),
-                   REC_CL_TO_PARTS(t));
-}
-static void pass_smoothness(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
-{
-    put_lx(t, v, 0);
-    SUMS(t, 2, sums, t->columns, t->columns);
+                   REC_CL_VECTOR(t, v->stiff.inverse), REC_CL_VECTOR(t, v->lx), REC_CL_TO_PARTS(t));
+    rec_cl_sums_of(t, t->columns, 2, sums);
 }
 static void pass_residual(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
 {
@@ -98,8 +76,8 @@ static void pass_residual(const struct rec_cl_at *t, struct rec_pcg *v, double (
     REC_CL_ROWS(t, REC_CL_K_PCG_ROWS_STEP, REC_CL_BINS(t), REC_CL_WEIGHTS(t, v->pb, four),
                 REC_CL_VALUE(alpha), REC_CL_VECTOR(t, v->r), REC_CL_VECTOR(t, v->q),
                 REC_CL_TO_PARTS(t));
-    put_lx(t, v, 1);
-    SUMS(t, 3, sums, t->rows, t->columns, t->columns);
+    rec_cl_want(t, t->rows, sums[0]);
+    pass_smoothness(t, v, sums + 1);
 }
 
 static void pass_brightness(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
@@ -107,7 +85,7 @@ static void pass_brightness(const struct rec_cl_at *t, struct rec_pcg *v, double
     REC_CL_COLUMNS(t, REC_CL_K_PCG_BRIGHTNESS, REC_CL_VALUE(t->n), REC_CL_VECTOR(t, v->x),
                    REC_CL_VECTOR(t, v->stiff.inverse), REC_CL_VECTOR(t, v->lx),
                    REC_CL_VECTOR(t, v->next), REC_CL_TO_PARTS(t));
-    SUMS(t, 3, sums, t->columns, t->columns, t->columns);
+    rec_cl_sums_of(t, t->columns, 3, sums);
 }
 static void pass_stiffness(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
 {
@@ -117,7 +95,7 @@ static void pass_stiffness(const struct rec_cl_at *t, struct rec_pcg *v, double 
                    REC_CL_VECTOR(t, v->smooth.diag2), REC_CL_VECTOR(t, v->stiff.by),
                    REC_CL_VECTOR(t, v->stiff.inverse), REC_CL_VECTOR(t, v->stiff.diag),
                    REC_CL_VECTOR(t, v->lx), REC_CL_TO_PARTS(t));
-    SUMS(t, 1, sums, t->columns);
+    rec_cl_sums_of(t, t->columns, 1, sums);
 }
 
 static void pass_regradient(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
@@ -127,7 +105,7 @@ static void pass_regradient(const struct rec_cl_at *t, struct rec_pcg *v, double
                    REC_CL_VALUE(lambda), REC_CL_VECTOR(t, v->x), REC_CL_VECTOR(t, v->ar),
                    REC_CL_VECTOR(t, v->lx), REC_CL_VECTOR(t, v->scale),
                    REC_CL_VECTOR(t, v->phi_old), REC_CL_VECTOR(t, v->phi), REC_CL_TO_PARTS(t));
-    SUMS(t, 2, sums, t->columns, t->columns);
+    rec_cl_sums_of(t, t->columns, 2, sums);
 }
 static void pass_gradient(const struct rec_cl_at *t, struct rec_pcg *v, double (*sums)[4])
 {
@@ -139,7 +117,7 @@ static void pass_slope(const struct rec_cl_at *t, struct rec_pcg *v, double (*su
 {
     REC_CL_COLUMNS(t, REC_CL_K_PCG_SLOPE, REC_CL_VALUE(t->n), REC_CL_VECTOR(t, v->x),
                    REC_CL_VECTOR(t, v->next), REC_CL_VECTOR(t, v->phi), REC_CL_TO_PARTS(t));
-    SUMS(t, 1, sums, t->columns);
+    rec_cl_sums_of(t, t->columns, 1, sums);
 }
 static void pass_retreat(const struct rec_cl_at *t, struct rec_pcg *v)
 {
@@ -148,7 +126,7 @@ static void pass_retreat(const struct rec_cl_at *t, struct rec_pcg *v)
                    REC_CL_VECTOR(t, v->x), REC_CL_VECTOR(t, v->next));
 }
 
-void rec_cl_pass(struct rec_pcg *v, enum rec_pcg_pass pass, double sums[3][4])
+void rec_cl_pass(struct rec_pcg *v, enum rec_pcg_pass pass, double (*sums)[4])
 {
     const struct rec_cl_at at = rec_cl_at(v->pb->a), *t = &at;
     switch (pass) {

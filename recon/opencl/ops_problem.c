@@ -1,6 +1,7 @@
 /* The loops of solve/problem.c, start.c and lambda.c. */
 #include "recon/opencl/ops.h"
 
+#include <assert.h>
 #include <string.h>
 
 #define LANES sizeof(double[4])
@@ -95,6 +96,7 @@ void rec_cl_diagonal(rec_problem *pb, double *sum, double *chord)
     const struct rec_cl_at t = rec_cl_at(pb->a);
     uint32_t groups = 0;
     double out[2][4];
+    assert(t.s->wanted == 0); /* its slots are 0 and 1 */
     rec_cl_column_norms(t.q, t.a, rec_cl_twin_of(t.s, pb->w), rec_cl_twin_of(t.s, pb->column),
                         &groups);
     rec_cl_sums_of(&t, groups, 2, out);

@@ -21,7 +21,8 @@ void rec_cl_mark_rows(rec_cl_queue *q, const struct rec_cl_part *a);
 void rec_cl_count_entries(rec_cl_queue *q, const struct rec_cl_part *a, uint32_t slot,
                           uint32_t *groups);
 
-/* y = A x in all bins of active tiles, or y += A x.  A brick whose x is 0 costs next to nothing. */
+/* y = A x in all bins of active tiles, or y += A x, which leaves y's bits where A x is 0.  A brick whose x is 0 costs next
+ * to nothing. */
 void rec_cl_forward(rec_cl_queue *q, const struct rec_cl_part *a, int cs,
                     const struct rec_cl_buffer *x, const struct rec_cl_buffer *y, bool add);
 /* x = A'y. */

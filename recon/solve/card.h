@@ -8,7 +8,8 @@
  * A vector is named by its address on the host.  That memory is reserved address space and is never touched.
  * An operation that fails leaves its sums 0, and so do all after it: the solve ends soon, and nobody uses its result
  * (frame/solver.c).  So no operation returns an error.
- * Sums are per lane; lanes that are not there are 0.
+ * Sums are per lane; lanes that are not there are 0.  The host waits for the card once for all sums of an operation,
+ * which takes as long as a small product.  rec_card_later lets two operations share a wait.
  * Threads: one per problem.  Allocates nothing. */
 #ifndef REC_SOLVE_CARD_H
 #define REC_SOLVE_CARD_H
@@ -38,6 +39,7 @@ struct rec_card_level {
 
 /* The loops of the file that is named; pb->a->card is their system. */
 struct rec_card_ops {
+    void (*later)(const struct rec_subsys *a); /* rec_card_later */
     /* problem.c */
     void (*load)(rec_problem *pb, struct rec_card_load *out);
     void (*residual)(rec_problem *pb, const float *x, float *r, float *wr, double rwr[4]);
@@ -53,7 +55,7 @@ struct rec_card_ops {
     void (*diagonal)(rec_problem *pb, double *sum, double *chord);
     void (*differences)(rec_problem *pb, double first[4], double second[4], double *blocks);
     /* pcg.c */
-    void (*pass)(struct rec_pcg *t, enum rec_pcg_pass pass, double sums[3][4]);
+    void (*pass)(struct rec_pcg *t, enum rec_pcg_pass pass, double (*sums)[4]);
     /* blend.c; c of (1) */
     void (*colours)(const struct rec_pcg *t, const double c[4], double xs[4], double ss[4],
                     double xx[4]);
@@ -82,6 +84,15 @@ struct rec_card_system {
 static inline const struct rec_card_ops *rec_card_of(const struct rec_subsys *a)
 {
     return a->card == NULL ? NULL : a->card->op;
+}
+
+/* Before residual, zero_residual or a pass with sums.  On a card these sums come with those of the operation after it:
+ * until then they are not there, and their place must stay.  Here they come at once. */
+static inline void rec_card_later(const struct rec_subsys *a)
+{
+    const struct rec_card_ops *card = rec_card_of(a);
+    if (card != NULL)
+        card->later(a);
 }
 
 #endif

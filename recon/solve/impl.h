@@ -258,7 +258,8 @@ void rec_copy_x(rec_problem *pb, float *dst, const float *src);
 /* x = 0, [n][cs]. */
 void rec_clear_x(rec_problem *pb, float *x);
 
-/* Writes the residual of the start x to yv[0] and yv[1], without a product where none is needed. */
+/* Writes the residual of the start x to yv[0] and yv[1], without a product where none is needed.  out: r'Wr per lane, on
+ * a card with the sums of the next operation (card.h). */
 void rec_start_residual(rec_problem *pb, const float *x, double out[4]);
 /* Start of the multiplicative methods, which never leave zero.  A cold start is the uniform volume that has the
  * images' light.  A warm start is lifted to at least a hundredth of that volume.  Voxels without weight are 0.  sens

@@ -31,6 +31,7 @@
 
 #include "recon/solve/blend.h"
 #include "recon/solve/bound.h"
+#include "recon/solve/card.h"
 #include "recon/solve/renewal.h"
 #include "recon/solve/selfcal.h"
 #include "recon/solve/stop.h"
@@ -61,9 +62,26 @@ static void smoothness(struct rec_pcg *t)
 /* Computes the residual and second differences of t->x anew; rwr = r'Wr. */
 static void refresh(struct rec_pcg *t, double rwr[4])
 {
+    rec_card_later(t->pb->a);
     rec_residual(t->pb, t->x, t->r, t->q, rwr);
-    rec_bound_raise(t->pb, t->r, t->q, rwr);
     smoothness(t);
+    rec_bound_raise(t->pb, t->r, t->q, rwr);
+}
+
+/* To wait for a card costs more than to throw a product away.  So what nearly always follows begins there before the
+ * host has decided that it does, and shares the wait. */
+static bool pcg_is_ahead(const struct rec_pcg *t)
+{
+    return rec_card_of(t->pb->a) != NULL;
+}
+
+/* d of (4); down = d'phi.  Ahead: also the curvature of this d, whether d stays or not. */
+static void pcg_direction(struct rec_pcg *t, double down[3][4], double curvature[3][4])
+{
+    rec_card_later(t->pb->a);
+    rec_pcg_pass(t, REC_PASS_DIRECTION, down);
+    if (pcg_is_ahead(t))
+        rec_pcg_pass(t, REC_PASS_CURVATURE, curvature);
 }
 
 /* Sets d and alpha; false: no lane can move any more. */
@@ -74,7 +92,7 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
 
     for (int l = 0; l < 4; l++)
         t->mu[l] = 1;
-    rec_pcg_pass(t, REC_PASS_DIRECTION, down);
+    pcg_direction(t, down, sums);
     for (int l = 0; l < 4; l++) {
         bool restart = t->beta[l] != 0 && down[0][l] >= -1e-3 * gamma[l];
         again = again || restart;
@@ -85,10 +103,11 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
             t->beta[l] = keep[l];
             t->mu[l] = 1 - keep[l];
         }
-        rec_pcg_pass(t, REC_PASS_DIRECTION, down);
+        pcg_direction(t, down, sums);
     }
 
-    rec_pcg_pass(t, REC_PASS_CURVATURE, sums); /* q = A d; q'Wq, d'L V L d */
+    if (!pcg_is_ahead(t)) /* q = A d; q'Wq, d'L V L d */
+        rec_pcg_pass(t, REC_PASS_CURVATURE, sums);
     rec_bound_curvature(t->pb, t->q, sums[0]);
     for (int l = 0; l < 4; l++) {
         double curve = sums[0][l] + t->lambda[l] * sums[1][l];
@@ -97,26 +116,6 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
         moving = moving || t->alpha[l] > 0;
     }
     return moving;
-}
-
-/* Moves x, r, q = W r, lx one step further; t->next is then the former x. */
-static void pcg_advance(struct rec_pcg *t, bool anew, double rwr[4])
-{
-    double sums[3][4];
-    rec_pcg_pass(t, REC_PASS_STEP, sums);
-    memcpy(t->moved2, sums[0], LANES);
-    if (t->any_clipped && !anew)
-        rec_pcg_pass(t, REC_PASS_CLIPPED, NULL);
-    pcg_swap(&t->x, &t->next);
-    if (anew) {
-        refresh(t, rwr);
-        return;
-    }
-    rec_pcg_pass(t, REC_PASS_RESIDUAL, sums);
-    memcpy(rwr, sums[0], LANES);
-    memcpy(t->penalty, sums[1], LANES);
-    memcpy(t->norm2, sums[2], LANES);
-    rec_bound_raise(t->pb, t->r, t->q, rwr);
 }
 
 /* Value of (1) per lane. */
@@ -134,24 +133,6 @@ static void differentiate(struct rec_pcg *t, enum rec_pcg_pass gradient, double 
     rec_pcg_pass(t, gradient, sums);
     memcpy(gamma, sums[0], LANES);
     memcpy(cross, sums[1], LANES);
-}
-
-/* If f of some lane rose in the step from t->next to t->x, moves x to the least f along that step:
- *   f(t) = f0 + t phi's + t^2 (f1 - f0 - phi's). */
-static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], double rwr[4])
-{
-    double down[3][4];
-    pcg_swap(&t->x, &t->next);
-    rec_pcg_pass(t, REC_PASS_SLOPE, down);
-    for (int l = 0; l < 4; l++) {
-        double bend = f1[l] - f0[l] - down[0][l];
-        double best = bend > 0 && down[0][l] < 0 ? -down[0][l] / (2 * bend) : 0;
-        t->back[l] = f1[l] <= f0[l] ? 1 : fmin(best, 1);
-        t->moved2[l] *= t->back[l] * t->back[l];
-    }
-    rec_pcg_pass(t, REC_PASS_RETREAT, NULL);
-    pcg_swap(&t->x, &t->next);
-    refresh(t, rwr);
 }
 
 /* Whether the objective of some lane has risen. */
@@ -198,15 +179,36 @@ struct pcg_run {
     struct rec_renewal renewal;
     struct rec_stopper stop;
     double gamma[4], rwr[4], f[4];
+    bool turned;              /* phi is that of the new x, and phi_old that of the former one: */
+    double next[4], cross[4]; /* phi'M phi, phi'M phi_old */
 };
 
-/* f, M and phi of t->x, whose residual and second differences are known. */
-static void pcg_from_here(struct pcg_run *s)
+/* M and phi of t->x, whose residual and second differences are known. */
+static void pcg_from_here(struct pcg_run *s, enum rec_pcg_pass gradient)
 {
     double cross[4];
-    pcg_value(&s->t, s->rwr, s->f);
     rec_pcg_pass(&s->t, REC_PASS_SCALE, NULL);
-    differentiate(&s->t, REC_PASS_GRADIENT, s->gamma, cross); /* phi of (3), phi'M phi */
+    differentiate(&s->t, gradient, s->gamma, cross); /* phi of (3), phi'M phi */
+}
+
+/* r, lx, V, M, phi and f of the first x. */
+static void pcg_start(struct pcg_run *s)
+{
+    struct rec_pcg *t = &s->t;
+    rec_problem *pb = t->pb;
+    const bool fits = pb->start == REC_START_FITS && pb->frozen == NULL;
+    double of_x[2][4], lit[4];
+    rec_start_residual(pb, t->x, s->rwr); /* r = A x - b, q = W r */
+    rec_bound_raise(pb, t->r, t->q, s->rwr);
+    rec_card_later(pb->a);
+    rec_pcg_pass(t, REC_PASS_SMOOTHNESS, of_x); /* lx = V L x */
+    if (fits)
+        rec_renewal_stiffen(t, lit); /* V, lx from x */
+    pcg_from_here(s, REC_PASS_GRADIENT);
+    if (!fits)
+        memcpy(t->penalty, of_x[0], LANES);
+    memcpy(t->norm2, of_x[1], LANES);
+    pcg_value(t, s->rwr, s->f);
 }
 
 /* V and lambda from x; f, M and phi of the new objective. */
@@ -214,17 +216,72 @@ static void pcg_renew(struct pcg_run *s, struct rec_solve_report *out)
 {
     struct rec_pcg *t = &s->t;
     rec_problem *pb = t->pb;
-    double cross[4];
     bool other = rec_selfcal_due(pb, s->renewal.done) && rec_selfcal_estimate(pb, t->r);
     if (other) { /* b and r are others */
         rec_selfcal_apply(pb);
         refresh(t, s->rwr);
     }
     rec_renewal_take(&s->renewal, t, s->rwr, out); /* V and lambda from x */
+    pcg_from_here(s, other ? REC_PASS_GRADIENT : REC_PASS_REGRADIENT);
     pcg_value(t, s->rwr, s->f);
-    rec_pcg_pass(t, REC_PASS_SCALE, NULL);
-    differentiate(t, other ? REC_PASS_GRADIENT : REC_PASS_REGRADIENT, s->gamma, cross);
     rec_stop_anew(&s->stop, rec_lanes_total(s->f), s->renewal.restless);
+}
+
+/* r, q = W r, lx of the new x from the step.  Ahead: also phi. */
+static void pcg_follow(struct pcg_run *s)
+{
+    struct rec_pcg *t = &s->t;
+    double sums[3][4];
+    rec_card_later(t->pb->a);
+    rec_pcg_pass(t, REC_PASS_RESIDUAL, sums);
+    s->turned = pcg_is_ahead(t);
+    if (s->turned)
+        differentiate(t, REC_PASS_GRADIENT, s->next, s->cross);
+    memcpy(s->rwr, sums[0], LANES);
+    memcpy(t->penalty, sums[1], LANES);
+    memcpy(t->norm2, sums[2], LANES);
+    rec_bound_raise(t->pb, t->r, t->q, s->rwr);
+}
+
+/* Moves x, r, q, lx one step further; t->next is then the former x.  anew: r and lx from x alone. */
+static void pcg_advance(struct pcg_run *s, bool anew)
+{
+    struct rec_pcg *t = &s->t;
+    double moved[3][4];
+    rec_card_later(t->pb->a);
+    rec_pcg_pass(t, REC_PASS_STEP, moved);
+    if (t->any_clipped && !anew)
+        rec_pcg_pass(t, REC_PASS_CLIPPED, NULL);
+    pcg_swap(&t->x, &t->next);
+    s->turned = false;
+    if (anew)
+        refresh(t, s->rwr);
+    else
+        pcg_follow(s);
+    memcpy(t->moved2, moved[0], LANES);
+}
+
+/* If f of some lane rose in the step from t->next to t->x, moves x to the least f along that step:
+ *   f(t) = f0 + t phi's + t^2 (f1 - f0 - phi's). */
+static void go_back(struct pcg_run *s, const double f1[4])
+{
+    struct rec_pcg *t = &s->t;
+    const double *f0 = s->f;
+    double down[3][4];
+    if (s->turned) /* phi is that of the former x again */
+        pcg_swap(&t->phi, &t->phi_old);
+    s->turned = false;
+    pcg_swap(&t->x, &t->next);
+    rec_pcg_pass(t, REC_PASS_SLOPE, down);
+    for (int l = 0; l < 4; l++) {
+        double bend = f1[l] - f0[l] - down[0][l];
+        double best = bend > 0 && down[0][l] < 0 ? -down[0][l] / (2 * bend) : 0;
+        t->back[l] = f1[l] <= f0[l] ? 1 : fmin(best, 1);
+        t->moved2[l] *= t->back[l] * t->back[l];
+    }
+    rec_pcg_pass(t, REC_PASS_RETREAT, NULL);
+    pcg_swap(&t->x, &t->next);
+    refresh(t, s->rwr);
 }
 
 /* x one iteration further; false: no lane can move any more. */
@@ -236,10 +293,10 @@ static bool pcg_iterate(struct pcg_run *s)
     double now[4];
     if (!line_search(t, s->gamma)) /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
         return false;
-    pcg_advance(t, (s->stop.k + 1) % REFRESH == 0, s->rwr); /* x = max(0, x + alpha d), r, q, lx */
+    pcg_advance(s, (s->stop.k + 1) % REFRESH == 0); /* x = max(0, x + alpha d), r, q, lx */
     pcg_value(t, s->rwr, now);
     for (int tries = 0; tries < most_tries && risen(t->pb, now, s->f); tries++) {
-        go_back(t, s->f, now, s->rwr); /* x to the least f on the step's way */
+        go_back(s, now); /* x to the least f on the step's way */
         pcg_value(t, s->rwr, now);
     }
     memcpy(s->f, now, sizeof s->f);
@@ -251,12 +308,12 @@ static bool pcg_iterate(struct pcg_run *s)
 static void pcg_turn(struct pcg_run *s)
 {
     struct rec_pcg *t = &s->t;
-    double next[4], cross[4];
-    differentiate(t, REC_PASS_GRADIENT, next, cross); /* phi, phi'M phi, phi'M phi_old */
+    if (!s->turned)
+        differentiate(t, REC_PASS_GRADIENT, s->next, s->cross);
     for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
-        double beta = s->gamma[l] > 0 ? (next[l] - cross[l]) / s->gamma[l] : 0;
+        double beta = s->gamma[l] > 0 ? (s->next[l] - s->cross[l]) / s->gamma[l] : 0;
         t->beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
-        s->gamma[l] = next[l];
+        s->gamma[l] = s->next[l];
     }
 }
 
@@ -311,13 +368,13 @@ static void pcg_blend(struct pcg_run *all, double sooner, float *x, struct rec_s
     one.stop.gain *= sooner;
     one.renewal.patient = true;
     smoothness(&one.t);
-    pcg_from_here(&one);
+    pcg_from_here(&one, REC_PASS_GRADIENT);
+    pcg_value(&one.t, one.rwr, one.f);
     rec_stop_anew(&one.stop, rec_lanes_total(one.f), false);
     (void)pcg_until(&one, false, out);
     rec_blend_end(t, &one.t);
     out->blended = one.stop.k - all->stop.k;
-    rec_residual(t->pb, t->x, t->r, t->q, all->rwr);
-    smoothness(t);
+    refresh(t, all->rwr);
     pcg_value(t, all->rwr, all->f);
     out->objective = rec_lanes_total(all->f);
 }
@@ -333,17 +390,11 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     struct rec_pcg_passes table;
     struct pcg_run s = {.t = rec_pcg_of(pb, x, &table)};
     struct rec_pcg *t = &s.t;
-    double lit[4];
 
     rec_pcg_passes_init(&table, pb->a->k->cpu);
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
     pcg_begin(t);
-    rec_start_residual(pb, x, s.rwr); /* r = A x - b, q = W r */
-    rec_bound_raise(pb, t->r, t->q, s.rwr);
-    smoothness(t); /* lx = V L x */
-    if (pb->start == REC_START_FITS && pb->frozen == NULL)
-        rec_renewal_stiffen(t, t->penalty, lit); /* V, lx from x */
-    pcg_from_here(&s);
+    pcg_start(&s);
     out->objective = rec_lanes_total(s.f);
     rec_renewal_begin(&s.renewal, pb);
     rec_stop_begin(&s.stop, pb, &own, p, out);

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "recon/solve/card.h"
+
 #define FOLLOWED 3    /* iterations after which the weights are due, */
 #define SETTLED  0.03 /* or sooner, when x moved by at most this share of ||x|| */
 #define ENOUGH   3    /* renewals, unless */
@@ -23,14 +25,14 @@ bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved)
     return r->state == REC_WEIGHTS_DUE;
 }
 
-void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
+void rec_renewal_stiffen(struct rec_pcg *t, double lit[4])
 {
     double sums[3][4];
     rec_pcg_pass(t, REC_PASS_BRIGHTNESS, sums);
     t->usual = sums[0][0] > 0 ? sums[1][0] / sums[0][0] : 0;
     memcpy(lit, sums[2], sizeof sums[2]);
-    rec_pcg_pass(t, REC_PASS_STIFFNESS, sums);
-    memcpy(penalty, sums[0], sizeof sums[0]);
+    rec_card_later(t->pb->a);
+    rec_pcg_pass(t, REC_PASS_STIFFNESS, &t->penalty);
 }
 
 /* Whether the lambda of some channel changed by more than the factor RESTLESS. */
@@ -47,9 +49,9 @@ void rec_renewal_take(struct rec_renewal *r, struct rec_pcg *t, const double rwr
 {
     double penalty[4], lit[4], before[4];
     memcpy(before, t->lambda, sizeof before);
-    rec_renewal_stiffen(t, penalty, lit);
-    rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda); /* from the former V's penalty */
-    memcpy(t->penalty, penalty, sizeof penalty);
+    memcpy(penalty, t->penalty, sizeof penalty);
+    rec_renewal_stiffen(t, lit);
+    rec_problem_reweigh(t->pb, rwr, penalty, lit, t->lambda); /* from the former V's penalty */
     r->restless = renewal_restless(t, before);
     r->last = out->iterations;
     out->renewed[r->done++] = r->last;

@@ -29,11 +29,12 @@ void rec_renewal_begin(struct rec_renewal *r, const rec_problem *pb);
 bool rec_renewal_due(struct rec_renewal *r, uint32_t k, double moved);
 /* Renews V, lambda, the penalty and lx of `t` from t->x; rwr: r'Wr.  This changes the objective and its gradient.
  * The directions stay: few columns change much, and (4) restarts a lane whose direction is no longer a descent
- * direction. */
+ * direction.  The penalty comes as that of rec_renewal_stiffen. */
 void rec_renewal_take(struct rec_renewal *r, struct rec_pcg *t, const double rwr[4],
                       struct rec_solve_report *out);
 
-/* Sets V from t->x and lx, then V lx; also returns the penalty, and the number of columns with x > 0, per lane. */
-void rec_renewal_stiffen(struct rec_pcg *t, double penalty[4], double lit[4]);
+/* Sets V from t->x and lx, then V lx; lit: the number of columns with x > 0, per lane.  The penalty comes to t->penalty,
+ * on a card with the sums of the next operation (card.h). */
+void rec_renewal_stiffen(struct rec_pcg *t, double lit[4]);
 
 #endif

@@ -85,11 +85,13 @@ void rec_start_residual(rec_problem *pb, const float *x, double out[4])
     if (pb->start == REC_START_SCALED) {
         memcpy(out, pb->start_rwr, sizeof pb->start_rwr);
     } else if (pb->start == REC_START_ZERO && card != NULL) {
+        rec_card_later(pb->a);
         card->zero_residual(pb, t.r, t.wr, out);
     } else if (pb->start == REC_START_ZERO) { /* r = -b */
         pvx_pool_run(pb->a->pool, rec_row_chunks(pb), start_zero_chunk, &t);
         rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
     } else { /* r = A x - b */
+        rec_card_later(pb->a);
         rec_residual(pb, x, t.r, t.wr, out);
     }
 }
@@ -104,8 +106,9 @@ void rec_start_scaled(rec_problem *pb, float *x)
 {
     const struct rec_card_ops *card = rec_card_of(pb->a);
     struct scaling t = {.pb = pb, .x = x, .r = pb->yv[0], .wr = pb->yv[1]};
-    double fit[4], size[4];
-    rec_residual(pb, x, t.r, t.wr, fit);
+    double fit[4], size[4], rwr[4];
+    rec_card_later(pb->a);
+    rec_residual(pb, x, t.r, t.wr, rwr);
     if (card != NULL)
         card->fit(pb, t.r, fit, size);
     else

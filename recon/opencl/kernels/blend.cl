@@ -9,7 +9,7 @@ static inline float blend_sum(float4 c, float4 v)
 
 /* Sums of x s, s^2 and x^2, s = sum c x. */
 __kernel FLAT_ITEMS void blend_colours(uint n, float4 c, __global const float4 *restrict x,
-                                       __global double4 *restrict parts)
+                                       __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     double4 xs = 0, ss = 0, xx = 0;
@@ -19,9 +19,9 @@ __kernel FLAT_ITEMS void blend_colours(uint n, float4 c, __global const float4 *
         ss += s * s;
         xx += v * v;
     }
-    put_sum(xs, tree, parts, 0);
-    put_sum(ss, tree, parts, 1);
-    put_sum(xx, tree, parts, 2);
+    put_sum(xs, tree, parts, slot);
+    put_sum(ss, tree, parts, slot + 1);
+    put_sum(xx, tree, parts, slot + 2);
 }
 
 /* b, r, W r of (1) and (2); sum r'Wr. */
@@ -29,7 +29,7 @@ __kernel FLAT_ITEMS void blend_rows(uint bins, __constant const struct rec_cl_ge
                                     __global const uint *restrict tile, __global const float *restrict w, float4 c,
                                     __global const float4 *restrict b, __global const float4 *restrict r,
                                     __global float *restrict one_b, __global float *restrict one_r,
-                                    __global float *restrict one_wr, __global double4 *restrict parts)
+                                    __global float *restrict one_wr, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     double sum = 0;
@@ -43,7 +43,7 @@ __kernel FLAT_ITEMS void blend_rows(uint bins, __constant const struct rec_cl_ge
         one_wr[i] = wv;
         sum += (double)wv * (double)v;
     }
-    put_sum((double4)(sum, 0, 0, 0), tree, parts, 0);
+    put_sum((double4)(sum, 0, 0, 0), tree, parts, slot);
 }
 /* x of (2), d = 0. */
 __kernel FLAT_ITEMS void blend_columns(uint n, float4 c, __global const float4 *restrict x,
@@ -57,7 +57,7 @@ __kernel FLAT_ITEMS void blend_columns(uint n, float4 c, __global const float4 *
 
 /* Sums of x, s_0. */
 __kernel FLAT_ITEMS void blend_tint(uint n, float4 c, __global const float4 *restrict x,
-                                    __global double4 *restrict parts)
+                                    __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     double4 sum = 0, all = 0;
@@ -65,8 +65,8 @@ __kernel FLAT_ITEMS void blend_tint(uint n, float4 c, __global const float4 *res
         sum += convert_double4(x[q]);
         all += (double4)(blend_sum(c, x[q]));
     }
-    put_sum(sum, tree, parts, 0);
-    put_sum(all, tree, parts, 1);
+    put_sum(sum, tree, parts, slot);
+    put_sum(all, tree, parts, slot + 1);
 }
 /* (4); least: e. */
 __kernel FLAT_ITEMS void blend_colour(uint n, float4 c, float4 tint, float least,

@@ -60,7 +60,7 @@ __kernel FLAT_ITEMS void pcg_scale(uint n, float4 share4, float4 lambda4, __glob
 /* d of (4); sum d'phi. */
 __kernel FLAT_ITEMS void pcg_direction(uint n, float4 beta4, float4 mu4, __global const lanes *restrict x,
                                   __global const lanes *restrict phi, __global const lanes *restrict scale,
-                                  __global lanes *restrict d, __global double4 *restrict parts)
+                                  __global lanes *restrict d, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes beta = OF_FOUR(beta4), mu = OF_FOUR(mu4), zero = SPLAT(0);
@@ -72,14 +72,14 @@ __kernel FLAT_ITEMS void pcg_direction(uint n, float4 beta4, float4 mu4, __globa
         d[q] = v;
         sum += AS_DOUBLE(v) * AS_DOUBLE(p);
     }
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 
 /* q'Wq over the rows; q = A d. */
 __kernel FLAT_ITEMS void pcg_rows_square(uint bins, __constant const struct rec_cl_geometry *g,
                                     __global const uint *restrict tile, __global const float *restrict w,
                                     __global const float4 *restrict w4, int per_channel,
-                                    __global const lanes *restrict ad, __global double4 *restrict parts)
+                                    __global const lanes *restrict ad, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -90,12 +90,12 @@ __kernel FLAT_ITEMS void pcg_rows_square(uint bins, __constant const struct rec_
         lanes v = ad[i];
         sum += AS_DOUBLE(weight_of(w, w4, per_channel, i) * v) * AS_DOUBLE(v);
     }
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
-/* d'L V L d; slot 1. */
+/* d'L V L d. */
 __kernel FLAT_ITEMS void pcg_curvature(uint n, __global const struct rec_cl_smooth *s, __global const int *near,
                                   uint room, __global const lanes *d, __global const float *restrict by,
-                                  __global double4 *restrict parts)
+                                  __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -103,43 +103,24 @@ __kernel FLAT_ITEMS void pcg_curvature(uint n, __global const struct rec_cl_smoo
         lanes v = differences(s, near, room, d, q);
         sum += AS_DOUBLE(v) * AS_DOUBLE(by[q] * v);
     }
-    put_sum(of_lanes(sum), tree, parts, 1);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 
-/* (5): next; sum ||next - x||^2.  Slot 1: the number of columns that were clipped. */
-__kernel FLAT_ITEMS void pcg_step(uint n, float4 alpha4, __global const lanes *restrict x,
+/* (5): next; sum ||next - x||^2.  e = s/alpha - d, which is 0 except in clipped columns; inverse: 1/alpha. */
+__kernel FLAT_ITEMS void pcg_step(uint n, float4 alpha4, float4 inverse4, __global const lanes *restrict x,
                              __global const lanes *restrict d, __global lanes *restrict next,
-                             __global double4 *restrict parts)
+                             __global lanes *restrict e, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
-    lanes alpha = OF_FOUR(alpha4), zero = SPLAT(0);
-    dlanes sum = 0;
-    uint clipped = 0;
-    FOR_MINE (q, n) {
-        lanes from = x[q], y = from + alpha * d[q];
-        ilanes keep = y >= zero;
-        y = select(zero, y, keep);
-        next[q] = y;
-        sum += AS_DOUBLE(y - from) * AS_DOUBLE(y - from);
-#if CS == 4
-        clipped += !all(keep);
-#else
-        clipped += !keep;
-#endif
-    }
-    put_sum(of_lanes(sum), tree, parts, 0);
-    put_sum((double4)(clipped, 0, 0, 0), tree, parts, 1);
-}
-
-/* e = s/alpha - d, which is 0 except in clipped columns. */
-__kernel FLAT_ITEMS void pcg_clip(uint n, float4 alpha4, float4 inverse4, __global const lanes *restrict x,
-                                  __global const lanes *restrict d, __global lanes *restrict e)
-{
     lanes alpha = OF_FOUR(alpha4), inverse = OF_FOUR(inverse4), zero = SPLAT(0);
+    dlanes sum = 0;
     FOR_MINE (q, n) {
-        lanes from = x[q], s = d[q];
-        e[q] = select(zero, -from * inverse - s, from + alpha * s < zero);
+        lanes from = x[q], s = d[q], to = from + alpha * s, y = select(zero, to, to >= zero);
+        next[q] = y;
+        e[q] = select(zero, -from * inverse - s, to < zero);
+        sum += AS_DOUBLE(y - from) * AS_DOUBLE(y - from);
     }
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 
 /* r += alpha q, q = W r; sum r'Wr. */
@@ -147,7 +128,7 @@ __kernel FLAT_ITEMS void pcg_rows_step(uint bins, __constant const struct rec_cl
                                   __global const uint *restrict tile, __global const float *restrict w,
                                   __global const float4 *restrict w4, int per_channel, float4 alpha4,
                                   __global lanes *restrict r, __global lanes *restrict ad,
-                                  __global double4 *restrict parts)
+                                  __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes alpha = OF_FOUR(alpha4);
@@ -161,14 +142,14 @@ __kernel FLAT_ITEMS void pcg_rows_step(uint bins, __constant const struct rec_cl
         ad[i] = wr;
         sum += AS_DOUBLE(wr) * AS_DOUBLE(v);
     }
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 
 /* lx = V L x; sums x'L lx, ||x||^2. */
 __kernel FLAT_ITEMS void pcg_smoothness(uint n, __global const struct rec_cl_smooth *s, __global const int *near,
                                    uint room, __global const lanes *x, __global const float *restrict by,
-                                   __global const float *restrict inverse, __global lanes *restrict lx, uint slot,
-                                   __global double4 *restrict parts)
+                                   __global const float *restrict inverse, __global lanes *restrict lx,
+                                   __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes penalty = 0, norm2 = 0;
@@ -183,11 +164,11 @@ __kernel FLAT_ITEMS void pcg_smoothness(uint n, __global const struct rec_cl_smo
 }
 
 /* phi of (3) from ar = A'W r and lx; sums phi'M phi, phi'M phi_old. */
-__kernel FLAT_ITEMS void pcg_gradient(uint n, __global const struct rec_cl_smooth *s, __global const int *near, uint room,
-                                 float4 lambda4, __global const lanes *restrict x, __global const lanes *restrict ar,
+__kernel FLAT_ITEMS void pcg_gradient(uint n, __global const struct rec_cl_smooth *s, __global const int *near,
+                                 uint room, float4 lambda4, __global const lanes *restrict x, __global const lanes *restrict ar,
                                  __global const lanes *lx, __global const lanes *restrict scale,
                                  __global const lanes *restrict old, __global lanes *restrict phi,
-                                 __global double4 *restrict parts)
+                                 __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes lambda = OF_FOUR(lambda4), zero = SPLAT(0);
@@ -200,21 +181,22 @@ __kernel FLAT_ITEMS void pcg_gradient(uint n, __global const struct rec_cl_smoot
         square += AS_DOUBLE(sv) * AS_DOUBLE(sv);
         cross += AS_DOUBLE(m * sv) * AS_DOUBLE(old[q]);
     }
-    put_sum(of_lanes(square), tree, parts, 0);
-    put_sum(of_lanes(cross), tree, parts, 1);
+    put_sum(of_lanes(square), tree, parts, slot);
+    put_sum(of_lanes(cross), tree, parts, slot + 1);
 }
 
 /* ---- a step back ---------------------------------------------------------------------------------*/
 
 /* phi's of the step s from x to next. */
 __kernel FLAT_ITEMS void pcg_slope(uint n, __global const lanes *restrict x, __global const lanes *restrict next,
-                              __global const lanes *restrict phi, __global double4 *restrict parts)
+                              __global const lanes *restrict phi, __global double4 *restrict parts,
+                              uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
     FOR_MINE (q, n)
         sum += AS_DOUBLE(next[q] - x[q]) * AS_DOUBLE(phi[q]);
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 /* Moves next to the share `back` of the way from x. */
 __kernel FLAT_ITEMS void pcg_retreat(uint n, float4 back4, __global const lanes *restrict x,
@@ -232,7 +214,7 @@ __kernel FLAT_ITEMS void pcg_retreat(uint n, float4 back4, __global const lanes 
 /* y to next, a float a column; lx = L x; sums y, y^2, columns with x > 0. */
 __kernel FLAT_ITEMS void pcg_brightness(uint n, __global const lanes *restrict x, __global const float *restrict inverse,
                                    __global lanes *restrict lx, __global float *restrict next,
-                                   __global double4 *restrict parts)
+                                   __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     double bright = 0, square = 0;
@@ -250,15 +232,15 @@ __kernel FLAT_ITEMS void pcg_brightness(uint n, __global const lanes *restrict x
         square += (double)all * (double)all;
         lit += AS_DOUBLE(select(SPLAT(0), SPLAT(1), v > SPLAT(0)));
     }
-    put_sum((double4)(bright, 0, 0, 0), tree, parts, 0);
-    put_sum((double4)(square, 0, 0, 0), tree, parts, 1);
-    put_sum(of_lanes(lit), tree, parts, 2);
+    put_sum((double4)(bright, 0, 0, 0), tree, parts, slot);
+    put_sum((double4)(square, 0, 0, 0), tree, parts, slot + 1);
+    put_sum(of_lanes(lit), tree, parts, slot + 2);
 }
 /* V from y of `next`, lx = V lx; sum x'L lx.  y / y_usual + dark, scale: 1 / y_usual. */
 __kernel FLAT_ITEMS void pcg_stiffness(uint n, float dark, float scale, __global const float *restrict next,
                                   __global const float *restrict diag2, __global float *restrict by,
                                   __global float *restrict inverse, __global float *restrict diag,
-                                  __global lanes *restrict lx, __global double4 *restrict parts)
+                                  __global lanes *restrict lx, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -271,5 +253,5 @@ __kernel FLAT_ITEMS void pcg_stiffness(uint n, float dark, float scale, __global
         lx[q] = l;
         sum += AS_DOUBLE(l) * AS_DOUBLE(root * l);
     }
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }

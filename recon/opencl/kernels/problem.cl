@@ -1,6 +1,6 @@
 /* problem.cl - the loops of solve/problem.c, start.c and lambda.c.
  *
- * An item takes a bin of an active tile, or a column.  Sums go to parts from slot 0 on. */
+ * An item takes a bin of an active tile, or a column.  Sums go to parts from a slot on. */
 
 /* b and w of the problem from the pictures, 0 in bins that are no rows.  Sums: ||W^(1/2) b||^2, rows with weight > 0,
  * rows with weight 1; w b; rows that measured a channel; the channels' weights and the largest. */
@@ -9,7 +9,7 @@ __kernel FLAT_ITEMS void problem_load(uint bins, __constant const struct rec_cl_
                                       __global const lanes *restrict picture, __global const float *restrict given,
                                       __global const float4 *restrict given4, int per_channel,
                                       __global lanes *restrict b, __global float *restrict w,
-                                      __global float4 *restrict w4, __global double4 *restrict parts)
+                                      __global float4 *restrict w4, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     double norm = 0;
@@ -45,10 +45,10 @@ __kernel FLAT_ITEMS void problem_load(uint bins, __constant const struct rec_cl_
         norm += part;
 #endif
     }
-    put_sum((double4)(norm, rows, ones, 0), tree, parts, 0);
-    put_sum(of_lanes(light), tree, parts, 1);
-    put_sum(measured, tree, parts, 2);
-    put_sum(weight, tree, parts, 3);
+    put_sum((double4)(norm, rows, ones, 0), tree, parts, slot);
+    put_sum(of_lanes(light), tree, parts, slot + 1);
+    put_sum(measured, tree, parts, slot + 2);
+    put_sum(weight, tree, parts, slot + 3);
 }
 
 /* ---- residuals -----------------------------------------------------------------------------------*/
@@ -58,7 +58,7 @@ __kernel FLAT_ITEMS void problem_residual(uint bins, __constant const struct rec
                                           __global const uint *restrict tile, __global const float *restrict w,
                                           __global const float4 *restrict w4, int per_channel, int zero,
                                           __global const lanes *restrict b, __global lanes *restrict r,
-                                          __global lanes *restrict wr, __global double4 *restrict parts)
+                                          __global lanes *restrict wr, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -71,7 +71,7 @@ __kernel FLAT_ITEMS void problem_residual(uint bins, __constant const struct rec
         wr[i] = wv;
         sum += AS_DOUBLE(wv) * AS_DOUBLE(v);
     }
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 
 /* (1) of solve/start.h: sums (A x)'W b, (A x)'W (A x); r = A x - b. */
@@ -79,7 +79,7 @@ __kernel FLAT_ITEMS void problem_fit(uint bins, __constant const struct rec_cl_g
                                      __global const uint *restrict tile, __global const float *restrict w,
                                      __global const float4 *restrict w4, int per_channel,
                                      __global const lanes *restrict b, __global const lanes *restrict r,
-                                     __global double4 *restrict parts)
+                                     __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes fit = 0, size = 0;
@@ -92,8 +92,8 @@ __kernel FLAT_ITEMS void problem_fit(uint bins, __constant const struct rec_cl_g
         fit += wl * ax * v;
         size += wl * ax * ax;
     }
-    put_sum(of_lanes(fit), tree, parts, 0);
-    put_sum(of_lanes(size), tree, parts, 1);
+    put_sum(of_lanes(fit), tree, parts, slot);
+    put_sum(of_lanes(size), tree, parts, slot + 1);
 }
 
 /* r = scale (r + b) - b, wr = W r; sum r'Wr. */
@@ -101,7 +101,7 @@ __kernel FLAT_ITEMS void problem_scale_rows(uint bins, __constant const struct r
                                             __global const uint *restrict tile, __global const float *restrict w,
                                             __global const float4 *restrict w4, int per_channel, float4 scale4,
                                             __global const lanes *restrict b, __global lanes *restrict r,
-                                            __global lanes *restrict wr, __global double4 *restrict parts)
+                                            __global lanes *restrict wr, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes scale = OF_FOUR(scale4);
@@ -115,7 +115,7 @@ __kernel FLAT_ITEMS void problem_scale_rows(uint bins, __constant const struct r
         wr[i] = wv;
         sum += AS_DOUBLE(wv) * AS_DOUBLE(v);
     }
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 /* x = scale x. */
 __kernel FLAT_ITEMS void problem_scale(uint n, float4 scale4, __global lanes *restrict x)
@@ -126,13 +126,14 @@ __kernel FLAT_ITEMS void problem_scale(uint n, float4 scale4, __global lanes *re
 }
 
 /* Sum x'x. */
-__kernel FLAT_ITEMS void problem_square(uint n, __global const lanes *restrict x, __global double4 *restrict parts)
+__kernel FLAT_ITEMS void problem_square(uint n, __global const lanes *restrict x, __global double4 *restrict parts,
+                                        uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
     FOR_MINE (q, n)
         sum += AS_DOUBLE(x[q]) * AS_DOUBLE(x[q]);
-    put_sum(of_lanes(sum), tree, parts, 0);
+    put_sum(of_lanes(sum), tree, parts, slot);
 }
 
 /* ---- solve/lambda.c ------------------------------------------------------------------------------*/
@@ -173,7 +174,7 @@ __kernel FLAT_ITEMS void problem_differences(uint bins, __constant const struct 
                                              __global const uint *restrict tile, __global const uchar *restrict is_row,
                                              __global const lanes *restrict b, __global const float *restrict w,
                                              __global const float4 *restrict w4, int per_channel,
-                                             __global double4 *restrict parts)
+                                             __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes first = 0, second = 0;
@@ -197,7 +198,7 @@ __kernel FLAT_ITEMS void problem_differences(uint bins, __constant const struct 
         second += AS_DOUBLE(lap) * AS_DOUBLE(lap);
         blocks++;
     }
-    put_sum(of_lanes(first), tree, parts, 0);
-    put_sum(of_lanes(second), tree, parts, 1);
-    put_sum((double4)(blocks, 0, 0, 0), tree, parts, 2);
+    put_sum(of_lanes(first), tree, parts, slot);
+    put_sum(of_lanes(second), tree, parts, slot + 1);
+    put_sum((double4)(blocks, 0, 0, 0), tree, parts, slot + 2);
 }

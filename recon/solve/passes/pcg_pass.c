@@ -33,7 +33,7 @@ static bool pass_clipped_any(const rec_problem *pb)
     return any;
 }
 
-void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double sums[3][4])
+void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double (*sums)[4])
 {
     rec_problem *pb = t->pb;
     const struct rec_card_ops *card = rec_card_of(pb->a);

@@ -16,7 +16,7 @@ enum rec_pcg_pass {
     REC_PASS_SCALE,     /* S of (6) */
     REC_PASS_DIRECTION, /* (4); d'phi */
     REC_PASS_CURVATURE, /* q = A d; q'Wq, d'L V L d */
-    REC_PASS_STEP,      /* (5): next, the clipped columns, any_clipped; ||next - x||^2 */
+    REC_PASS_STEP,      /* (5): next; the clipped columns, on a card ar = e; ||next - x||^2 */
     REC_PASS_CLIPPED,  /* the change of A d by clipping, A e: into the images, on a card q += A e */
     REC_PASS_RESIDUAL, /* q where clipped, r, q = W r, lx = V L x; r'Wr, x'L lx, ||x||^2 */
     REC_PASS_SMOOTHNESS, /* lx = V L x; x'L lx, ||x||^2 */
@@ -48,7 +48,7 @@ struct rec_pcg {
     float *lhat;                         /* a L expect */
     double nu[4];
     float *r, *q;     /* row space: A x - b; A d, then W r */
-    bool any_clipped; /* in the last step */
+    bool any_clipped; /* in the last step; on a card true, since only the card knows */
     double alpha[4], beta[4], mu[4], back[4];
     double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
     double norm2[4];              /* ||x||^2 */
@@ -90,8 +90,9 @@ static inline struct rec_pcg rec_pcg_of(rec_problem *pb, float *x,
                             .pass = pass};
 }
 
-/* Runs a pass on the pool, or on the card where the system is (card.h).  sums: NULL for a pass that has none. */
-void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double sums[3][4]);
+/* Runs a pass on the pool, or on the card where the system is (card.h).  sums: one for each, NULL for a pass that has
+ * none. */
+void rec_pcg_pass(struct rec_pcg *t, enum rec_pcg_pass which, double (*sums)[4]);
 
 /* Fill the table for `cpu`: all slots with the reference, then an instruction set's over them. */
 void rec_pcg_passes_init(struct rec_pcg_passes *p, enum pvx_cpu cpu);
