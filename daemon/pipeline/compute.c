@@ -6,6 +6,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "daemon/config/compute.h"
+#include "daemon/pipeline/compute_check.h"
 #include "daemon/pipeline/compute_flame.h"
 
 #define MEASURE_NS (PVX_NS_PER_S / 2) /* that each side may take, after its first set */
@@ -29,10 +30,11 @@ pvx_err dmn_compute_open(const struct dmn_compute_want *w, struct dmn_compute *o
         return PVX_OK;
     }
     pvx_err e = rec_cl_open(name, &out->card, &why);
+    PVX_THEN(e, dmn_compute_check(out->card, &why));
     out->measure = where == DMN_COMPUTE_AUTO;
     if (e == PVX_OK)
         return PVX_OK;
-    out->card = NULL;
+    rec_cl_close(&out->card);
     out->warn = where == DMN_COMPUTE_OPENCL;
     if (where == DMN_COMPUTE_OPENCL && (e == PVX_ENOENT || e == PVX_EUNSUP))
         return pvx_fail(d, e, "%s: %s: %s", w->what, w->word, pvx_diag_text(&why, e));

@@ -6,6 +6,7 @@
  * N: its n-th call, from 1; 0: never, it is counted.  WHAT:
  *     error   the call returns CL_OUT_OF_RESOURCES; a negative number: that error
  *     few     from then on clGetKernelWorkGroupInfo says that groups have at most 32 items
+ *     idle    from then on kernels do nothing, and the device says that all is well
  *     event   the call succeeds, and from then on the work of the device fails
  *     hang    the call succeeds, and from then on the device does nothing; what waits in the driver never returns
  * strict.h has what it does without a fault.
@@ -25,7 +26,7 @@
 #include "tests/opencl/shim.h"
 #include "tests/opencl/strict.h"
 
-enum what { WORKS, FAILS, FEW, BROKEN, HANGS };
+enum what { WORKS, FAILS, FEW, IDLE, BROKEN, HANGS };
 static struct {
     pthread_mutex_t lock;
     char function[64];
@@ -64,6 +65,7 @@ void pyrovox_cl_fault(const char *text)
         fault.what = strcmp(what, "hang") == 0    ? HANGS
                      : strcmp(what, "event") == 0 ? BROKEN
                      : strcmp(what, "few") == 0   ? FEW
+                     : strcmp(what, "idle") == 0  ? IDLE
                                                   : FAILS;
         if (what[0] == '-')
             fault.error = (cl_int)strtol(what, NULL, 10);
@@ -297,10 +299,6 @@ ENQUEUES_AND(clEnqueueReadBuffer,
               WAIT_LIST),
              (q, m, wait, at, bytes, through, n, list, event), void *through = malloc(bytes),
              strict_transfer(q, to, through, bytes))
-ENQUEUES_AND(clEnqueueNDRangeKernel,
-             (cl_command_queue q, cl_kernel k, cl_uint axes, const size_t *from, const size_t *all,
-              const size_t *group, WAIT_LIST),
-             (q, k, axes, from, all, group, n, list, event), strict_kernel(k), (void)0)
 ENQUEUES(clEnqueueMarkerWithWaitList, (cl_command_queue q, WAIT_LIST), (q, n, list, event))
 ENQUEUES(clEnqueueBarrierWithWaitList, (cl_command_queue q, WAIT_LIST), (q, n, list, event))
 
@@ -321,6 +319,25 @@ CL_API_ENTRY cl_int CL_API_CALL clFlush(cl_command_queue q)
     if (e == CL_SUCCESS)
         strict_flushed(q);
     return e != CL_SUCCESS ? e : REAL(clFlush)(q);
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clEnqueueNDRangeKernel(cl_command_queue q, cl_kernel k,
+                                                       cl_uint axes, const size_t *from,
+                                                       const size_t *all, const size_t *group,
+                                                       WAIT_LIST)
+{
+    INSIDE;
+    cl_int e = fault_call("clEnqueueNDRangeKernel");
+    if (e == CL_SUCCESS && hangs())
+        *event = NEVER;
+    if (e != CL_SUCCESS || hangs())
+        return e;
+    strict_kernel(k);
+    if (atomic_load(&state) == IDLE)
+        e = REAL(clEnqueueMarkerWithWaitList)(q, n, list, event);
+    else
+        e = REAL(clEnqueueNDRangeKernel)(q, k, axes, from, all, group, n, list, event);
+    return enqueued(made(e), q, event);
 }
 
 CL_API_ENTRY void *CL_API_CALL clEnqueueMapBuffer(cl_command_queue q, cl_mem m, cl_bool wait,

@@ -128,11 +128,12 @@ while_it_runs() {
     calls any || return 1
     echo "figures 116: $n calls of OpenCL in 6 sets"
     local part
-    for part in 45 55 65 75 85; do fault any:$((n * part / 100)):error || return 1; done
-    fault any:$((n * 60 / 100)):event && fault any:$((n * 80 / 100)):event
+    for part in 30 60 68 76 84 92; do # at 30 the device is still checked
+        fault any:$((n * part / 100)):error || return 1; done
+    fault any:$((n * 65 / 100)):event && fault any:$((n * 85 / 100)):event
 }
 check fails-while-it-runs while_it_runs
-while_it_hangs() { fault any:$((n * 65 / 100)):hang && fault any:$((n * 85 / 100)):hang; }
+while_it_hangs() { fault any:$((n * 70 / 100)):hang && fault any:$((n * 88 / 100)):hang; }
 check hangs while_it_hangs
 
 # ---- live ----
