@@ -129,7 +129,8 @@ while_it_runs() {
     echo "figures 116: $n calls of OpenCL in 6 sets"
     local part
     for part in 30 60 68 76 84 92; do # at 30 the device is still checked
-        fault any:$((n * part / 100)):error || return 1; done
+        fault any:$((n * part / 100)):error || return 1
+    done
     fault any:$((n * 65 / 100)):event && fault any:$((n * 85 / 100)):event
 }
 check fails-while-it-runs while_it_runs
