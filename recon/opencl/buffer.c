@@ -1,6 +1,6 @@
 #include "recon/opencl/impl.h"
 
-/* Zeroes a new buffer: many drivers find only now that they have no room. */
+/* Zeroes a new buffer: many drivers find only now that they have no room, some even while they do it. */
 static cl_int buffer_zero(rec_cl *cl, cl_mem mem, size_t bytes)
 {
     static const cl_uint4 zero; /* by words where it can be, which some drivers do faster */
@@ -9,9 +9,8 @@ static cl_int buffer_zero(rec_cl *cl, cl_mem mem, size_t bytes)
     cl_int e = cl->lib->EnqueueFillBuffer(cl->zeroes, mem, &zero, word, 0, bytes, 0, NULL, &done);
     if (e != CL_SUCCESS)
         return e;
-    if (rec_cl_ok(cl, cl->lib->Flush(cl->zeroes), "clFlush"))
-        (void)rec_cl_await(cl, done);
-    return CL_SUCCESS;
+    return rec_cl_ok(cl, cl->lib->Flush(cl->zeroes), "clFlush") ? rec_cl_settle(cl, done)
+                                                                : CL_SUCCESS;
 }
 
 static pvx_err buffer_no_room(const rec_cl *cl, size_t bytes, cl_int e, struct pvx_diag *d)

@@ -43,6 +43,8 @@ void rec_cl_lose(rec_cl *cl, const char *fmt, ...) PVX_PRINTF(2, 3);
 bool rec_cl_ok(rec_cl *cl, cl_int e, const char *what);
 /* Until `event` is complete; releases it.  false: the device is lost. */
 bool rec_cl_await(rec_cl *cl, cl_event event);
+/* The same, but work that failed is only said: its error.  CL_SUCCESS: it is done, or the device is lost. */
+cl_int rec_cl_settle(rec_cl *cl, cl_event event);
 
 /* Something was enqueued: `e` and `*event` are what the driver said. */
 void rec_cl_enqueued(rec_cl_queue *q, cl_int e, const cl_event *event, const char *what);

@@ -40,27 +40,28 @@ bool rec_cl_ok(rec_cl *cl, cl_int e, const char *what)
     return e == CL_SUCCESS;
 }
 
-bool rec_cl_await(rec_cl *cl, cl_event event)
+cl_int rec_cl_settle(rec_cl *cl, cl_event event)
 {
     const struct rec_cl_library *lib = cl->lib;
     int64_t begin = pvx_now_mono(), pause = PAUSE_NS;
     for (;;) {
         if (rec_cl_lost(cl) != NULL)
-            return false;
+            return CL_SUCCESS;
         cl_int state = CL_QUEUED;
         cl_int e =
             lib->GetEventInfo(event, CL_EVENT_COMMAND_EXECUTION_STATUS, sizeof state, &state, NULL);
         if (!rec_cl_ok(cl, e, "clGetEventInfo"))
-            return false;
+            return CL_SUCCESS;
         if (state == CL_COMPLETE)
-            return rec_cl_ok(cl, lib->WaitForEvents(1, &event), "clWaitForEvents") &&
-                   rec_cl_ok(cl, lib->ReleaseEvent(event), "clReleaseEvent");
-        if (state < 0)
-            return rec_cl_ok(cl, state, "its work failed");
+            (void)rec_cl_ok(cl, lib->WaitForEvents(1, &event), "clWaitForEvents");
+        if (state <= CL_COMPLETE) {
+            (void)rec_cl_ok(cl, lib->ReleaseEvent(event), "clReleaseEvent");
+            return state;
+        }
         int64_t now = pvx_now_mono();
         if ((double)(now - begin) > cl->patience * 1e9) {
             rec_cl_lose(cl, "it did not answer for %g s", cl->patience);
-            return false;
+            return CL_SUCCESS;
         }
         if (now - begin < SPIN_NS) {
             sched_yield();
@@ -69,4 +70,9 @@ bool rec_cl_await(rec_cl *cl, cl_event event)
         nanosleep(&(struct timespec){0, pause}, NULL);
         pause = pause * 3 / 2 < MOST_NS ? pause * 3 / 2 : MOST_NS;
     }
+}
+
+bool rec_cl_await(rec_cl *cl, cl_event event)
+{
+    return rec_cl_ok(cl, rec_cl_settle(cl, event), "its work failed") && rec_cl_lost(cl) == NULL;
 }
