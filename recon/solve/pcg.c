@@ -68,73 +68,12 @@ static void refresh(struct rec_pcg *t, double rwr[4])
     rec_bound_raise(t->pb, t->r, t->q, rwr);
 }
 
-/* To wait for a card costs more than to throw a product away.  So what nearly always follows begins there before the
- * host has decided that it does, and shares the wait. */
-static bool pcg_is_ahead(const struct rec_pcg *t)
-{
-    return rec_card_of(t->pb->a) != NULL;
-}
-
-/* d of (4); down = d'phi.  Ahead: also the curvature of this d, whether d stays or not. */
-static void pcg_direction(struct rec_pcg *t, double down[3][4], double curvature[3][4])
-{
-    rec_card_later(t->pb->a);
-    rec_pcg_pass(t, REC_PASS_DIRECTION, down);
-    if (pcg_is_ahead(t))
-        rec_pcg_pass(t, REC_PASS_CURVATURE, curvature);
-}
-
-/* Sets d and alpha; false: no lane can move any more. */
-static bool line_search(struct rec_pcg *t, const double gamma[4])
-{
-    double sums[3][4], down[3][4], keep[4];
-    bool again = false, moving = false;
-
-    for (int l = 0; l < 4; l++)
-        t->mu[l] = 1;
-    pcg_direction(t, down, sums);
-    for (int l = 0; l < 4; l++) {
-        bool restart = t->beta[l] != 0 && down[0][l] >= -1e-3 * gamma[l];
-        again = again || restart;
-        keep[l] = restart ? 0 : 1;
-    }
-    if (again) { /* d = keep d - (1 - keep) M phi: the other lanes stay as they are */
-        for (int l = 0; l < 4; l++) {
-            t->beta[l] = keep[l];
-            t->mu[l] = 1 - keep[l];
-        }
-        pcg_direction(t, down, sums);
-    }
-
-    if (!pcg_is_ahead(t)) /* q = A d; q'Wq, d'L V L d */
-        rec_pcg_pass(t, REC_PASS_CURVATURE, sums);
-    rec_bound_curvature(t->pb, t->q, sums[0]);
-    for (int l = 0; l < 4; l++) {
-        double curve = sums[0][l] + t->lambda[l] * sums[1][l];
-        double alpha = curve > 0 && down[0][l] < 0 ? -down[0][l] / curve : 0;
-        t->alpha[l] = isfinite((float)alpha) ? alpha : 0;
-        moving = moving || t->alpha[l] > 0;
-    }
-    return moving;
-}
-
 /* Value of (1) per lane. */
 static void pcg_value(const struct rec_pcg *t, const double rwr[4], double f[4])
 {
     for (int l = 0; l < 4; l++)
         f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * t->penalty[l];
 }
-/* Gradient of t->x by one of the two passes for it. */
-static void differentiate(struct rec_pcg *t, enum rec_pcg_pass gradient, double gamma[4],
-                          double cross[4])
-{
-    double sums[3][4];
-    pcg_swap(&t->phi, &t->phi_old);
-    rec_pcg_pass(t, gradient, sums);
-    memcpy(gamma, sums[0], LANES);
-    memcpy(cross, sums[1], LANES);
-}
-
 /* Whether the objective of some lane has risen. */
 static bool risen(const rec_problem *pb, const double now[4], const double before[4])
 {
@@ -148,6 +87,8 @@ static bool risen(const rec_problem *pb, const double now[4], const double befor
 static void pcg_begin(struct rec_pcg *t)
 {
     rec_problem *pb = t->pb;
+    for (int l = 0; l < 4; l++)
+        t->mu[l] = 1;
     rec_smooth_init(&t->smooth, &pb->a->S->grid);
     if (pb->frozen != NULL) { /* V and the neighbours are there */
         memcpy(t->lambda, pb->frozen->lambda, sizeof t->lambda);
@@ -179,16 +120,83 @@ struct pcg_run {
     struct rec_renewal renewal;
     struct rec_stopper stop;
     double gamma[4], rwr[4], f[4];
-    bool turned;              /* phi is that of the new x, and phi_old that of the former one: */
-    double next[4], cross[4]; /* phi'M phi, phi'M phi_old */
+    double of_phi[2][4]; /* phi'M phi, phi'M phi_old */
+    double down[1][4];   /* d'phi */
+    double bend[2][4];   /* q'Wq, d'L V L d */
+    bool has_phi, has_d; /* ahead: phi and phi_old, d are those that come next, with their sums */
 };
 
-/* M and phi of t->x, whose residual and second differences are known. */
+/* To wait for a card costs more than to throw a product away.  So what nearly always follows begins there before the
+ * host has decided that it does, and shares the wait. */
+static bool pcg_is_ahead(const struct pcg_run *s)
+{
+    return rec_card_of(s->t.pb->a) != NULL;
+}
+
+/* Gradient of t->x by one of the two passes for it. */
+static void differentiate(struct pcg_run *s, enum rec_pcg_pass gradient)
+{
+    pcg_swap(&s->t.phi, &s->t.phi_old);
+    rec_pcg_pass(&s->t, gradient, s->of_phi);
+}
+
+/* d of (4).  Ahead: also its curvature, whether d stays or not. */
+static void pcg_direct(struct pcg_run *s)
+{
+    struct rec_pcg *t = &s->t;
+    rec_card_later(t->pb->a);
+    rec_pcg_pass(t, REC_PASS_DIRECTION, s->down);
+    if (pcg_is_ahead(s))
+        rec_pcg_pass(t, REC_PASS_CURVATURE, s->bend);
+}
+
+/* Sets d and alpha; false: no lane can move any more. */
+static bool line_search(struct pcg_run *s)
+{
+    struct rec_pcg *t = &s->t;
+    double keep[4];
+    bool again = false, moving = false;
+
+    if (!s->has_d)
+        pcg_direct(s);
+    s->has_d = false;
+    for (int l = 0; l < 4; l++) {
+        bool restart = t->beta[l] != 0 && s->down[0][l] >= -1e-3 * s->gamma[l];
+        again = again || restart;
+        keep[l] = restart ? 0 : 1;
+    }
+    if (again) { /* d = keep d - (1 - keep) M phi: the other lanes stay as they are */
+        for (int l = 0; l < 4; l++) {
+            t->beta[l] = keep[l];
+            t->mu[l] = 1 - keep[l];
+        }
+        pcg_direct(s);
+        for (int l = 0; l < 4; l++)
+            t->mu[l] = 1;
+    }
+
+    if (!pcg_is_ahead(s)) /* q = A d; q'Wq, d'L V L d */
+        rec_pcg_pass(t, REC_PASS_CURVATURE, s->bend);
+    rec_bound_curvature(t->pb, t->q, s->bend[0]);
+    for (int l = 0; l < 4; l++) {
+        double curve = s->bend[0][l] + t->lambda[l] * s->bend[1][l];
+        double alpha = curve > 0 && s->down[0][l] < 0 ? -s->down[0][l] / curve : 0;
+        t->alpha[l] = isfinite((float)alpha) ? alpha : 0;
+        moving = moving || t->alpha[l] > 0;
+    }
+    return moving;
+}
+
+/* M and phi of t->x, whose residual and second differences are known.  Ahead: also d. */
 static void pcg_from_here(struct pcg_run *s, enum rec_pcg_pass gradient)
 {
-    double cross[4];
     rec_pcg_pass(&s->t, REC_PASS_SCALE, NULL);
-    differentiate(&s->t, gradient, s->gamma, cross); /* phi of (3), phi'M phi */
+    rec_card_later(s->t.pb->a);
+    differentiate(s, gradient); /* phi of (3), phi'M phi */
+    s->has_d = pcg_is_ahead(s);
+    if (s->has_d)
+        pcg_direct(s);
+    memcpy(s->gamma, s->of_phi[0], LANES);
 }
 
 /* r, lx, V, M, phi and f of the first x. */
@@ -234,9 +242,9 @@ static void pcg_follow(struct pcg_run *s)
     double sums[3][4];
     rec_card_later(t->pb->a);
     rec_pcg_pass(t, REC_PASS_RESIDUAL, sums);
-    s->turned = pcg_is_ahead(t);
-    if (s->turned)
-        differentiate(t, REC_PASS_GRADIENT, s->next, s->cross);
+    s->has_phi = pcg_is_ahead(s);
+    if (s->has_phi)
+        differentiate(s, REC_PASS_GRADIENT);
     memcpy(s->rwr, sums[0], LANES);
     memcpy(t->penalty, sums[1], LANES);
     memcpy(t->norm2, sums[2], LANES);
@@ -253,7 +261,7 @@ static void pcg_advance(struct pcg_run *s, bool anew)
     if (t->any_clipped && !anew)
         rec_pcg_pass(t, REC_PASS_CLIPPED, NULL);
     pcg_swap(&t->x, &t->next);
-    s->turned = false;
+    s->has_phi = false;
     if (anew)
         refresh(t, s->rwr);
     else
@@ -268,9 +276,9 @@ static void go_back(struct pcg_run *s, const double f1[4])
     struct rec_pcg *t = &s->t;
     const double *f0 = s->f;
     double down[3][4];
-    if (s->turned) /* phi is that of the former x again */
+    if (s->has_phi) /* phi is that of the former x again */
         pcg_swap(&t->phi, &t->phi_old);
-    s->turned = false;
+    s->has_phi = false;
     pcg_swap(&t->x, &t->next);
     rec_pcg_pass(t, REC_PASS_SLOPE, down);
     for (int l = 0; l < 4; l++) {
@@ -291,7 +299,7 @@ static bool pcg_iterate(struct pcg_run *s)
     const int most_tries =
         t->pb->in.least != NULL ? 4 : 1; /* bounds: f is no parabola along a step */
     double now[4];
-    if (!line_search(t, s->gamma)) /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
+    if (!line_search(s)) /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
         return false;
     pcg_advance(s, (s->stop.k + 1) % REFRESH == 0); /* x = max(0, x + alpha d), r, q, lx */
     pcg_value(t, s->rwr, now);
@@ -308,12 +316,12 @@ static bool pcg_iterate(struct pcg_run *s)
 static void pcg_turn(struct pcg_run *s)
 {
     struct rec_pcg *t = &s->t;
-    if (!s->turned)
-        differentiate(t, REC_PASS_GRADIENT, s->next, s->cross);
+    if (!s->has_phi)
+        differentiate(s, REC_PASS_GRADIENT);
     for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
-        double beta = s->gamma[l] > 0 ? (s->next[l] - s->cross[l]) / s->gamma[l] : 0;
+        double beta = s->gamma[l] > 0 ? (s->of_phi[0][l] - s->of_phi[1][l]) / s->gamma[l] : 0;
         t->beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
-        s->gamma[l] = s->next[l];
+        s->gamma[l] = s->of_phi[0][l];
     }
 }
 
