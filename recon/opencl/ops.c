@@ -112,7 +112,6 @@ const struct rec_card_ops rec_cl_ops = {
     .zero_residual = rec_cl_zero_residual,
     .fit = rec_cl_fit,
     .scale = rec_cl_scale,
-    .diagonal = rec_cl_diagonal,
     .differences = rec_cl_differences,
     .pass = rec_cl_pass,
     .colours = ops_colours,

@@ -126,7 +126,6 @@ void rec_cl_zero_residual(rec_problem *pb, float *r, float *wr, double rwr[4]);
 void rec_cl_fit(rec_problem *pb, const float *r, double fit[4], double size[4]);
 void rec_cl_scale(rec_problem *pb, const float scale[4], float *x, float *r, float *wr,
                   double rwr[4]);
-void rec_cl_diagonal(rec_problem *pb, double *sum, double *chord);
 void rec_cl_differences(rec_problem *pb, double first[4], double second[4], double *blocks);
 /* ops_pcg.c */
 void rec_cl_pass(struct rec_pcg *t, enum rec_pcg_pass pass, double (*sums)[4]);

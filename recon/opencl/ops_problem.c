@@ -1,7 +1,6 @@
 /* The loops of solve/problem.c, start.c and lambda.c. */
 #include "recon/opencl/ops.h"
 
-#include <assert.h>
 #include <string.h>
 
 #define LANES sizeof(double[4])
@@ -11,14 +10,23 @@ void rec_cl_load(rec_problem *pb, struct rec_card_load *out)
     const struct rec_cl_at t = rec_cl_at(pb->a);
     const struct rec_cl_part *a = t.a;
     int four = rec_cl_per_channel(pb);
-    double sum[4][4];
+    double sum[4][4], of_columns[2][4];
+    uint32_t groups;
     REC_CL_ROWS(&t, REC_CL_K_PROBLEM_LOAD, REC_CL_BINS(&t), REC_CL_BUFFER(&a->is_row),
                 REC_CL_BUFFER(&a->b), REC_CL_BUFFER(four ? &a->w4 : &a->w),
                 REC_CL_BUFFER(four ? &a->w4 : &a->w), REC_CL_VALUE(four), REC_CL_VECTOR(&t, pb->b),
                 REC_CL_VECTOR(&t, pb->w), REC_CL_VECTOR(&t, four ? pb->w4 : pb->w),
                 REC_CL_TO_PARTS(&t));
-    rec_cl_sums_of(&t, t.rows, 4, sum);
-    *out = (struct rec_card_load){.norm2 = sum[0][0], .rows = sum[0][1], .ones = sum[0][2]};
+    for (int i = 0; i < 4; i++)
+        rec_cl_want(&t, t.rows, sum[i]);
+    rec_cl_column_norms(t.q, a, rec_cl_twin_of(t.s, pb->w), rec_cl_twin_of(t.s, pb->column),
+                        t.s->wanted, &groups);
+    rec_cl_sums_of(&t, groups, 2, of_columns);
+    *out = (struct rec_card_load){.norm2 = sum[0][0],
+                                  .rows = sum[0][1],
+                                  .ones = sum[0][2],
+                                  .diagonal = of_columns[0][0],
+                                  .chord = of_columns[1][0]};
     memcpy(out->light, sum[1], LANES);
     memcpy(out->measured, sum[2], LANES);
     memcpy(out->weight, sum[3], LANES);
@@ -89,19 +97,6 @@ void rec_cl_scale(rec_problem *pb, const float scale[4], float *x, float *r, flo
                 REC_CL_VALUE(by), REC_CL_VECTOR(&t, pb->b), REC_CL_VECTOR(&t, r),
                 REC_CL_VECTOR(&t, wr), REC_CL_TO_PARTS(&t));
     rec_cl_sums_of(&t, t.rows, 1, (double(*)[4])rwr);
-}
-
-void rec_cl_diagonal(rec_problem *pb, double *sum, double *chord)
-{
-    const struct rec_cl_at t = rec_cl_at(pb->a);
-    uint32_t groups = 0;
-    double out[2][4];
-    assert(t.s->wanted == 0); /* its slots are 0 and 1 */
-    rec_cl_column_norms(t.q, t.a, rec_cl_twin_of(t.s, pb->w), rec_cl_twin_of(t.s, pb->column),
-                        &groups);
-    rec_cl_sums_of(&t, groups, 2, out);
-    *sum = out[0][0];
-    *chord = out[1][0];
 }
 
 void rec_cl_differences(rec_problem *pb, double first[4], double second[4], double *blocks)

@@ -93,12 +93,13 @@ void rec_cl_adjoint(rec_cl_queue *q, const struct rec_cl_part *a, int cs,
 
 void rec_cl_column_norms(rec_cl_queue *q, const struct rec_cl_part *a,
                          const struct rec_cl_buffer *weight, const struct rec_cl_buffer *d2,
-                         uint32_t *groups)
+                         uint32_t slot, uint32_t *groups)
 {
     const struct rec_cl_level *l = a->level;
     uint64_t present = a->of->present;
     *groups = brick_groups(a->bricks);
     REC_CL_RUN(q, REC_CL_K_COLUMN_NORMS, 1, *groups, REC_CL_FLAT, REC_CL_BUFFER(&l->geometry),
                REC_CL_VALUE(a->bricks), BRICKS(a), REC_CL_VALUE(present), COLUMNS(l),
-               REC_CL_BUFFER(weight), REC_CL_BUFFER(d2), REC_CL_BUFFER(rec_cl_parts(q)));
+               REC_CL_BUFFER(weight), REC_CL_BUFFER(d2), REC_CL_BUFFER(rec_cl_parts(q)),
+               REC_CL_VALUE(slot));
 }

@@ -28,10 +28,10 @@ void rec_cl_forward(rec_cl_queue *q, const struct rec_cl_part *a, int cs,
 /* x = A'y. */
 void rec_cl_adjoint(rec_cl_queue *q, const struct rec_cl_part *a, int cs,
                     const struct rec_cl_buffer *y, const struct rec_cl_buffer *x);
-/* d2 [n]: column sums of w v^2, to the bit as rec_column_norms; parts of slot 0, lane 0: their sum, and of slot 1: the
- * sum of w v. */
+/* d2 [n]: column sums of w v^2, to the bit as rec_column_norms; parts of slot `slot`, lane 0: their sum, and of the next
+ * slot: the sum of w v; `*groups` of them. */
 void rec_cl_column_norms(rec_cl_queue *q, const struct rec_cl_part *a,
                          const struct rec_cl_buffer *weight, const struct rec_cl_buffer *d2,
-                         uint32_t *groups);
+                         uint32_t slot, uint32_t *groups);
 
 #endif

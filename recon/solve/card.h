@@ -21,6 +21,7 @@ struct rec_card_load {
     double rows;  /* with weight > 0 */
     double ones;  /* with weight 1 */
     double light[4], measured[4], weight[4];
+    double diagonal, chord; /* on a card: the sum of pb->column, and of w A's entries (lambda.c) */
 };
 
 /* How selfcal.c moves a camera's picture: (1) of selfcal.h. */
@@ -40,7 +41,7 @@ struct rec_card_level {
 /* The loops of the file that is named; pb->a->card is their system. */
 struct rec_card_ops {
     void (*later)(const struct rec_subsys *a); /* rec_card_later */
-    /* problem.c */
+    /* problem.c; load: also pb->column */
     void (*load)(rec_problem *pb, struct rec_card_load *out);
     void (*residual)(rec_problem *pb, const float *x, float *r, float *wr, double rwr[4]);
     void (*copy)(rec_problem *pb, float *to, const float *from);
@@ -51,8 +52,7 @@ struct rec_card_ops {
     void (*fit)(rec_problem *pb, const float *r, double fit[4], double size[4]);
     void (*scale)(rec_problem *pb, const float scale[4], float *x, float *r, float *wr,
                   double rwr[4]);
-    /* lambda.c: pb->column; its sum, and the sum of w A's entries; sums of differences and number of blocks */
-    void (*diagonal)(rec_problem *pb, double *sum, double *chord);
+    /* lambda.c: sums of differences, and the number of blocks */
     void (*differences)(rec_problem *pb, double first[4], double second[4], double *blocks);
     /* pcg.c */
     void (*pass)(struct rec_pcg *t, enum rec_pcg_pass pass, double (*sums)[4]);

@@ -62,6 +62,8 @@ struct rec_problem {
     double b_norm2;     /* ||W^(1/2) b||^2 over A's rows, all channels */
     double light[4];    /* sum of w b over A's rows */
     double m;           /* measured values: rows with weight > 0, times channels */
+    /* on a card, where `column` is known from the load on: its sum, and the sum of w A's entries */
+    double diagonal, chord;
     /* per channel (else m / nch and 1): rows that measured the channel; its weight over w, which is nearly the ratio
      * of its diagonal of A'WA to `diag` */
     double measured[4], share[4];

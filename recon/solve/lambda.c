@@ -185,11 +185,8 @@ static void diagonal(rec_problem *pb, double *mean, double *chord)
 {
     const struct rec_subsys *a = pb->a;
     const struct rec_card_ops *card = rec_card_of(a);
-    double weighed = 0, chords = 0;
-    if (card != NULL)
-        card->diagonal(pb, &weighed, &chords);
-    *mean = pb->whole ? a->sum2 / a->n : weighed / a->n;
-    *chord = pb->whole ? a->sum : chords;
+    *mean = (pb->whole ? a->sum2 : pb->diagonal) / a->n;
+    *chord = pb->whole ? a->sum : pb->chord;
     pb->diag = pb->whole && card == NULL ? a->norm2 : pb->column;
     if (!pb->whole && card == NULL) {
         rec_column_norms(a, pb->w, pb->column, pb->xv[0]);

@@ -275,6 +275,8 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
     memcpy(pb->measured, sum.measured, sizeof pb->measured);
     pb->b_norm2 = sum.norm2;
     pb->m = sum.rows * pb->nch;
+    pb->diagonal = sum.diagonal;
+    pb->chord = sum.chord;
     pb->whole = sum.ones == a->rows;
     for (int l = 0; l < 4; l++)
         pb->share[l] = 1;

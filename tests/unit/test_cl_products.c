@@ -113,7 +113,7 @@ static void same_norms(const struct bed *b)
     struct rec_cl_buffer weight = cl_bed_buffer(cl, b->q, w, b->room * sizeof *w),
                          out = cl_bed_buffer(cl, b->q, NULL, (n + 1) * sizeof *got);
     uint32_t groups[2];
-    rec_cl_column_norms(b->q, &b->y.part[0], &weight, &out, &groups[0]);
+    rec_cl_column_norms(b->q, &b->y.part[0], &weight, &out, 0, &groups[0]);
     groups[1] = groups[0];
     rec_cl_download(b->q, &out, 0, got, n * sizeof *got);
     T_OK(rec_cl_sums(b->q, groups, 2, sums));

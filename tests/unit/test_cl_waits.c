@@ -56,4 +56,28 @@ T_CASE(weights_that_are_renewed)
     T_EQ_I(r.renewals, 1);
     bed_free(&b);
 }
+/* Loads, starts, renewals, restarts and the end wait less than half as often as the iterations. */
+T_CASE(a_whole_set)
+{
+    struct rec_solve_report r;
+    struct bed b;
+    bed_new(&b, 64, COLOUR);
+    rec_problem *pb = b.pb[THERE];
+    float *x = pvx_calloc(b.n * b.cs, sizeof *x);
+    b.descent.levels = b.levels;
+    cl_fault("clEnqueueReadBuffer:0:error");
+    T_OK(rec_problem_load(pb, b.sub, &b.in));
+    rec_problem_weigh(pb, -1);
+    (void)rec_levels_start(pb, &b.descent, b.t[THERE].x, NULL);
+    T_EQ_I(rec_solve(pb, &rec_solve_defaults, b.t[THERE].x, &r), PVX_OK);
+    T_OK(rec_cl_solver_end(b.v, x));
+    long waits = cl_fault_calls(), iterations = b.descent.iterations + r.iterations;
+    cl_fault(NULL);
+    printf("  64^3: %ld waits, %ld iterations on all grids, %u renewals on the finest\n", waits,
+           iterations, r.renewals);
+    T_LE(20, iterations);
+    T_LE(waits, 3 * iterations);
+    free(x);
+    bed_free(&b);
+}
 T_MAIN((cl_fault_begin(), cl_bed_begin(), cl = cl_bed_open()), rec_cl_close(&cl))

@@ -335,14 +335,14 @@ static inline double2 weigh_window(const struct columns *s, struct window v,
     }
     return sum;
 }
-/* d2 of each column; parts of slot 0 and 1: the sums of d2 and of w'v. */
+/* d2 of each column; parts of slot and slot + 1: the sums of d2 and of w'v. */
 __kernel FLAT_ITEMS void
 column_norms(__constant const struct rec_cl_geometry *g, uint bricks,
              __global const uint *restrict brick, __global const int *restrict store,
              __global const int *restrict map, ulong present, __global const int *restrict at,
              __global const uchar4 *restrict w, __global const struct rec_cl_more *restrict more,
              __global const uint *restrict more_from, __global const float *restrict weight,
-             __global float *restrict d2, __global double4 *restrict parts)
+             __global float *restrict d2, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     const struct columns s = {g, present, at, w, more, more_from};
@@ -364,6 +364,6 @@ column_norms(__constant const struct rec_cl_geometry *g, uint bricks,
         sum2 += d2[q];
         sum1 += (float)(unit * sum.y);
     }
-    put_sum((double4)(sum2, 0, 0, 0), tree, parts, 0);
-    put_sum((double4)(sum1, 0, 0, 0), tree, parts, 1);
+    put_sum((double4)(sum2, 0, 0, 0), tree, parts, slot);
+    put_sum((double4)(sum1, 0, 0, 0), tree, parts, slot + 1);
 }
