@@ -1,5 +1,6 @@
 #include "capture/pixel/maps.h"
 
+#include <stdatomic.h>
 #include <stdlib.h>
 
 #include "base/mem.h"
@@ -128,17 +129,11 @@ static void maps_bins_of(const struct cap_maps *m, const float *map, float none,
             out[i] = none;
 }
 
-static size_t planes_of(const struct cap_maps *m)
-{
-    bool rays = m->cell != NULL && m->p.mosaic == CAP_MOSAIC_RAYS && m->p.binning == 1;
-    return m->p.nch == 3 && !rays ? 3 : 1;
-}
-
 /* Channel (0 to 2) of bin i of plane c. */
 static size_t channel_of(const struct cap_maps *m, size_t i, size_t c)
 {
     size_t w = (size_t)m->width;
-    return m->p.nch == 1 || planes_of(m) == 3 ? c : m->cell[i / w % 2 * 2 + i % w % 2];
+    return m->p.nch == 1 || m->planes == 3 ? c : m->cell[i / w % 2 * 2 + i % w % 2];
 }
 
 /* Index of a bin's value in dark and flat [bins][cs]; SIZE_MAX: the bin has no finite value. */
@@ -180,7 +175,7 @@ static void maps_words(struct cap_maps *m, const float *dark, const float *flat,
 {
     size_t bins = (size_t)(m->width / m->p.binning) * (size_t)(m->height / m->p.binning);
     double most_dark = 0, most = 0, sum = 1;
-    for (size_t c = 0; c < planes_of(m); c++)
+    for (size_t c = 0; c < m->planes; c++)
         for (size_t i = 0; i < bins; i++) {
             size_t at = maps_place(m, i, c, dark, flat);
             if (at == SIZE_MAX)
@@ -189,7 +184,7 @@ static void maps_words(struct cap_maps *m, const float *dark, const float *flat,
             most = fmax(most, (double)gain[channel_of(m, i, c)] / (double)flat[at]);
         }
     m->unit = most > 0 ? (float)(most / CAP_MAP_FACTOR) : 1;
-    for (size_t c = 0; c < planes_of(m); c++)
+    for (size_t c = 0; c < m->planes; c++)
         for (size_t i = 0; i < bins; i++) {
             size_t at = maps_place(m, i, c, dark, flat);
             if (at == SIZE_MAX)
@@ -215,7 +210,7 @@ static pvx_err bin_maps(struct cap_maps *m, const struct cap_photometry *c,
     size_t cs = m->p.nch == 3 ? 4 : 1;
     float *dark = pvx_calloc(bins * cs, sizeof *dark), *flat = pvx_calloc(bins * cs, sizeof *flat);
     m->plane = bins + SLACK;
-    m->word = pvx_calloc(m->plane * planes_of(m), sizeof *m->word);
+    m->word = pvx_calloc(m->plane * m->planes, sizeof *m->word);
     pvx_err e = dark != NULL && flat != NULL && m->word != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK) {
         maps_bins_of(m, c->dark, 0, img, dark);
@@ -244,7 +239,7 @@ static pvx_err maps_check(const struct cap_maps *m, const struct cap_photometry 
         return pvx_fail(d, PVX_EINVAL, "maps of %d channels, but a %s pixel has %d", c->channels,
                         cap_pixfmt_name(img->fmt), m->samples);
     if (c->matrix != NULL &&
-        (m->p.nch != 3 || cap_pixfmt_channels(img->fmt) != 3 || planes_of(m) == 1))
+        (m->p.nch != 3 || cap_pixfmt_channels(img->fmt) != 3 || m->planes == 1))
         return pvx_fail(d, PVX_EINVAL, "a colour matrix needs three channels in each bin, which %s",
                         m->p.nch != 3                        ? "one channel is not"
                         : cap_pixfmt_channels(img->fmt) != 3 ? "a grey camera does not have"
@@ -258,14 +253,18 @@ static pvx_err maps_check(const struct cap_maps *m, const struct cap_photometry 
 pvx_err cap_maps_new(const struct cap_photometry *c, const struct cap_image *img,
                      const struct cap_convert_params *p, struct cap_maps **out, struct pvx_diag *d)
 {
+    static atomic_uint_fast64_t made;
     struct cap_maps *m = *out = pvx_calloc(1, sizeof *m);
     PVX_NEED(m);
+    m->number = 1 + atomic_fetch_add(&made, 1);
     m->width = img->width;
     m->height = img->height;
     m->p = *p;
     m->p.maps = NULL;
     m->cell = cap_pixfmt_bayer(img->fmt);
     m->samples = cap_pixfmt_channels(img->fmt) == 1 || m->cell != NULL ? 1 : 3;
+    bool rays = m->cell != NULL && p->mosaic == CAP_MOSAIC_RAYS && p->binning == 1;
+    m->planes = p->nch == 3 && !rays ? 3 : 1;
     m->has_matrix = c->matrix != NULL;
     for (int k = 0; k < 9 && m->has_matrix; k++)
         m->matrix[k] = (float)c->matrix[k];

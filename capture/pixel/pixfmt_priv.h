@@ -42,12 +42,14 @@ struct cap_pix {
 
 /* Maps of bins as (1) of maps.h needs them. */
 struct cap_maps {
+    uint64_t number; /* of maps made in this process */
     int32_t width, height;
     struct cap_convert_params p;
     const uint8_t *cell;
     int samples;
     float unit;     /* of factors, and of dark and light while they are subtracted */
-    uint32_t *word; /* [1 or 3][plane], see cap_pix_map; 3 with nch = 3, except 1 for rays */
+    uint32_t *word; /* [planes][plane], see cap_pix_map */
+    size_t planes;  /* 3 with nch = 3, except 1 for rays; else 1 */
     size_t plane;   /* bins, plus slack that may be read beyond them */
     float matrix[9];
     bool has_matrix;

@@ -1,5 +1,8 @@
 #include "daemon/pipeline/raw.h"
 
+#include "capture/pixel/recipe.h"
+#include "recon/carve/photo.h"
+
 static enum rec_cl_layout layout_of(enum cap_pixfmt fmt)
 {
     switch (cap_pixfmt_layout(fmt)) {
@@ -16,42 +19,40 @@ static enum rec_cl_layout layout_of(enum cap_pixfmt fmt)
     return REC_CL_LAYOUT_NONE;
 }
 
-/* A raw sample is saturated from here on: clip of pixfmt.h. */
-static uint32_t clip_of(const struct cap_image *img, const struct cap_convert_params *p)
+/* Whether a device can do it: its sums have 32 bits.  With maps a whole picture might have no number, which it cannot
+ * tell. */
+static bool device_can(const struct cap_recipe *r, const struct cap_convert_params *p)
 {
-    int depth = cap_pixfmt_depth(img->fmt);
-    bool words = cap_pixfmt_layout(img->fmt) == CAP_LAYOUT_16;
-    uint32_t clip = words && depth == 16 ? CAP_CLIP_16 : (1u << depth) - 1;
-    return words && p->clip > 0 && p->clip < clip ? p->clip : clip;
+    return (r->table == NULL || r->cell == NULL || p->binning <= 32) &&
+           (r->maps == 0 || (r->whole && r->most <= REC_PHOTO_LIMIT));
 }
 
 bool dmn_raw_of(const struct cap_image *img, const struct cap_convert_params *p,
                 struct rec_cl_raw *out)
 {
-    enum cap_transfer t =
-        p->transfer == CAP_TRANSFER_AUTO ? cap_transfer_declared(img) : p->transfer;
+    struct cap_recipe r;
     *out = (struct rec_cl_raw){0};
-    if (layout_of(img->fmt) == REC_CL_LAYOUT_NONE || t != CAP_TRANSFER_LINEAR || p->maps != NULL ||
-        cap_convert(img, p, 0, 0, NULL) != PVX_OK)
+    if (layout_of(img->fmt) == REC_CL_LAYOUT_NONE || cap_recipe_of(img, p, &r) != PVX_OK ||
+        !device_can(&r, p))
         return false;
-    const uint8_t *cell = cap_pixfmt_bayer(img->fmt);
-    bool grey = cap_pixfmt_channels(img->fmt) == 1;
     size_t stride = (size_t)img->stride;
-    *out = (struct rec_cl_raw){.layout = layout_of(img->fmt),
-                               .data = img->data,
-                               .bytes = stride * (size_t)(img->height - 1) +
-                                        cap_pixfmt_row(img->fmt, img->width),
-                               .width = img->width,
-                               .height = img->height,
-                               .stride = stride,
-                               .depth = cap_pixfmt_depth(img->fmt),
-                               .binning = p->binning,
-                               .samples = grey || cell != NULL ? 1 : 3,
-                               .grey = grey,
-                               .swapped = img->fmt == CAP_BGR8,
-                               .rays = p->mosaic == CAP_MOSAIC_RAYS && p->nch == 3,
-                               .cell = cell,
-                               .clip = clip_of(img, p),
-                               .most = cap_saturated(img, p)};
+    *out = (struct rec_cl_raw){
+        .layout = layout_of(img->fmt),
+        .data = img->data,
+        .bytes = stride * (size_t)(img->height - 1) + cap_pixfmt_row(img->fmt, img->width),
+        .width = img->width,
+        .height = img->height,
+        .stride = stride,
+        .depth = cap_pixfmt_depth(img->fmt),
+        .binning = p->binning,
+        .samples = r.samples,
+        .grey = r.grey,
+        .swapped = r.swapped,
+        .rays = r.rays,
+        .cell = r.cell,
+        .clip = r.clip,
+        .most = r.most,
+        .full = r.full,
+        .maps = {r.table, r.unit, r.maps, r.word, r.plane, r.planes, r.mask, r.matrix}};
     return true;
 }

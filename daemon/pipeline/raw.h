@@ -5,7 +5,8 @@
 #include "recon/opencl/raw.h"
 
 /* What cap_convert(img, p) would make of it, for the device.  false: it must do that itself, because the image is
- * gamma-coded, YUV, JPEG or floats, or has maps, or is not sound (cap_convert says why).  Borrows img's data. */
+ * YUV, JPEG or floats, or is not sound (cap_convert says why), or because each bin has a masked pixel in it, or its maps
+ * give numbers beyond REC_PHOTO_LIMIT.  Borrows img's data, and p's maps. */
 bool dmn_raw_of(const struct cap_image *img, const struct cap_convert_params *p,
                 struct rec_cl_raw *out);
 

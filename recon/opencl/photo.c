@@ -30,6 +30,7 @@ static pvx_err photo_buffers(rec_cl_photo *p, size_t raw_bytes, struct pvx_diag 
         {&p->noisy, p->cameras * sizeof(int32_t)},
         {&p->raw_picture, p->cameras * sizeof *p->raws},
         {&p->bytes, raw_bytes},
+        {&p->maps, p->maps0[p->cameras] * sizeof(uint32_t)},
     };
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         PVX_TRY(rec_cl_buffer_new(p->cl, all[i].bytes, all[i].b, d));
@@ -62,7 +63,7 @@ static pvx_err photo_tables(rec_cl_photo *p, struct pvx_diag *d)
 }
 
 pvx_err rec_cl_photo_new(rec_cl *cl, const struct rec_photo_image *im, size_t n, size_t raw_bytes,
-                         rec_cl_photo **out, struct pvx_diag *d)
+                         const size_t *maps, rec_cl_photo **out, struct pvx_diag *d)
 {
     struct rec_bands of = {0};
     size_t rows = 0;
@@ -79,6 +80,7 @@ pvx_err rec_cl_photo_new(rec_cl *cl, const struct rec_photo_image *im, size_t n,
     p->of = of;
     for (size_t c = 0; c < n; c++) {
         p->row0[c] = rows;
+        p->maps0[c + 1] = p->maps0[c] + (maps != NULL ? maps[c] / sizeof(uint32_t) : 0);
         rows += (size_t)im[c].bw * (size_t)im[c].bh;
     }
     p->row0[n] = p->rows = rows;
@@ -96,9 +98,9 @@ void rec_cl_photo_free(rec_cl_photo **pp)
     rec_cl_photo *p = *pp;
     if (p == NULL)
         return;
-    struct rec_cl_buffer *all[] = {&p->shot,  &p->limits,      &p->band, &p->at,    &p->block,
-                                   &p->back,  &p->plane,       &p->raw,  &p->clean, &p->inverse,
-                                   &p->noisy, &p->raw_picture, &p->bytes};
+    struct rec_cl_buffer *all[] = {&p->shot,  &p->limits,      &p->band,  &p->at,    &p->block,
+                                   &p->back,  &p->plane,       &p->raw,   &p->clean, &p->inverse,
+                                   &p->noisy, &p->raw_picture, &p->bytes, &p->maps};
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         rec_cl_buffer_free(p->cl, all[i]);
     free(p->blocks);

@@ -26,17 +26,19 @@ struct rec_cl_pictures {
 
 /* For a device that keeps denormal floats (rec_cl_about(cl)->denormals), and for pictures of the sizes and channels of
  * im [n]; their other members are not read.  raw_bytes: of all raw pictures of a set, at most; 0: none are raw.
+ * maps [n]: bytes of their tables and maps, at most (rec_cl_maps_room); NULL: they have none.
  * Errors: PVX_ENOMEM, PVX_ENODEV. */
 PVX_MUST_CHECK pvx_err rec_cl_photo_new(rec_cl *cl, const struct rec_photo_image *im, size_t n,
-                                        size_t raw_bytes, rec_cl_photo **out, struct pvx_diag *d);
+                                        size_t raw_bytes, const size_t *maps, rec_cl_photo **out,
+                                        struct pvx_diag *d);
 void rec_cl_photo_free(rec_cl_photo **p);
 
 /* Background of camera c [bh][bw][cs] from the next set on; NULL: none.  Waits. */
 void rec_cl_photo_background(rec_cl_photo *p, rec_cl_queue *q, size_t c, const float *bg);
 
 /* Raw pictures to binned pixels in to->b, for rec_cl_photo_apply.  raw [cameras]; those without a layout leave b as it
- * is.  The cameras' pixels are width / binning by height / binning bins.  Their bytes are read until the device has
- * them: until the next wait.  false, and nothing is done: they have more than raw_bytes. */
+ * is.  The cameras' pixels are width / binning by height / binning bins.  Tables and maps go up when they are others than
+ * in the set before.  false, and nothing is done: there is no room for so many bytes. */
 bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
                          const struct rec_cl_raw *raw, const struct rec_cl_pictures *to);
 

@@ -16,7 +16,10 @@ struct rec_cl_photo {
     struct rec_cl_buffer back, plane;                   /* lanes [rows] */
     struct rec_cl_buffer raw, clean;                    /* uchar [rows] */
     struct rec_cl_buffer inverse, noisy;
-    struct rec_cl_buffer raw_picture, bytes; /* of unpack.c */
+    /* of unpack.c */
+    struct rec_cl_buffer raw_picture, bytes, maps;
+    size_t maps0[REC_MAX_CAMERAS + 1];       /* words: room for each camera's */
+    struct rec_cl_maps has[REC_MAX_CAMERAS]; /* that are there */
     /* their copies here */
     struct rec_cl_raw_picture raws[REC_MAX_CAMERAS];
     struct rec_cl_picture shots[REC_MAX_CAMERAS];

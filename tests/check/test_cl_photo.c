@@ -174,7 +174,7 @@ static void on_device(struct bed *b, struct there *o)
     rec_cl_queue *q = cl_bed_queue(cl);
     rec_cl_photo *p;
     size_t n = b->rows, lane = b->cs * sizeof(float);
-    T_EQ_I(rec_cl_photo_new(cl, b->im, CAMERAS, 0, &p, &d), PVX_OK);
+    T_EQ_I(rec_cl_photo_new(cl, b->im, CAMERAS, 0, NULL, &p, &d), PVX_OK);
     o->to = (struct rec_cl_pictures){.b = cl_bed_buffer(cl, q, NULL, n * lane),
                                      .w = cl_bed_buffer(cl, q, NULL, n * sizeof(float)),
                                      .w4 = cl_bed_buffer(cl, q, NULL, b->per_channel ? n * 16 : 0),

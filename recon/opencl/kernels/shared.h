@@ -86,6 +86,8 @@ struct rec_cl_picture_limits {
     int clipped;                  /* 1: any channel is */
 };
 
+#define REC_CL_NO_MAP 0xFFFFFFFFu
+
 /* A camera's raw picture (raw.h). */
 struct rec_cl_raw_picture {
     unsigned int at, stride; /* bytes: where it begins, from row to row */
@@ -95,8 +97,11 @@ struct rec_cl_raw_picture {
     int bayer;   /* 1: cell holds */
     int cell[4]; /* colours of the 2x2 pixels that repeat */
     unsigned int clip;
-    float full; /* of a sample */
-    float most;
+    float full, most, unit;
+    unsigned int table, word, mask; /* where they begin among the words of all cameras; or REC_CL_NO_MAP */
+    int planes;                     /* of word: 0, 1, 3 */
+    int coloured;                   /* 1: matrix holds */
+    float matrix[9];
 };
 
 #endif
