@@ -52,12 +52,16 @@ static size_t card_raw_bytes(const rec_sysmat *S, size_t c)
 /* Photometry on the card, where its floats are the processors' to the bit. */
 static pvx_err card_photo_new(rec_carver *k, struct pvx_diag *d)
 {
-    size_t cameras = k->S->n_cameras;
+    size_t cameras = k->S->n_cameras, maps[REC_MAX_CAMERAS];
     if (!rec_cl_about(k->p.card)->denormals)
         return PVX_OK;
-    for (size_t c = 0; c < cameras; c++)
+    for (size_t c = 0; c < cameras; c++) {
+        size_t bins = (size_t)k->S->block[c].bw * (size_t)k->S->block[c].bh;
+        size_t side = (size_t)k->S->binning;
         k->raw0[c + 1] = k->raw0[c] + card_raw_bytes(k->S, c);
-    return rec_cl_photo_new(k->p.card, k->photo, cameras, k->raw0[cameras], &k->there, d);
+        maps[c] = rec_cl_maps_room(bins * side * side, bins, k->p.nch);
+    }
+    return rec_cl_photo_new(k->p.card, k->photo, cameras, k->raw0[cameras], maps, &k->there, d);
 }
 
 pvx_err rec_card_carver(rec_carver *k, struct pvx_diag *d)

@@ -42,8 +42,9 @@ void rec_frame_keep(rec_frame *f, rec_kept *k, pvx_pool *pool);
 rec_kept *rec_frame_release(rec_frame *f); /* NULL: it was not kept */
 
 /* Pixels as the cameras gave them, raw [cameras], for a card that unpacks, bins and judges them (recon/opencl/raw.h).
- * They are copied to the slot in place of rec_frame_input.  All that are present have a layout, or it is false: then
- * rec_frame_input has to be written, as it also has without a card that can do this.
+ * They are copied to the slot in place of rec_frame_input; tables and maps are borrowed until it is carved.  All that
+ * are present have a layout, or it is false: then rec_frame_input has to be written, as it also has without a card that
+ * can do this.
  * bin: unpacks and bins pictures of the slot to out [cameras], [bh][bw][cs] each, where the processors have to do it
  * after all: in rec_frame_input, which gives binned pixels, or in rec_frame_carve.  false: it no longer can; then no
  * camera is present. */
