@@ -157,7 +157,7 @@ static inline float4 finished(const struct source *f, float4 v, int4 saturated, 
 #endif
 
 /* Bins of pictures that are raw.  Groups: a band each; band: its camera and first row. */
-__kernel void unpack_bins(__global const struct rec_cl_picture *restrict shot,
+__kernel FLAT_ITEMS void unpack_bins(__global const struct rec_cl_picture *restrict shot,
                           __global const struct rec_cl_raw_picture *restrict picture,
                           __global const int2 *restrict band, __global const uchar *restrict raw,
                           __global const uint *restrict maps, __global lanes *restrict b)
