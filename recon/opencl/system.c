@@ -19,7 +19,6 @@ static pvx_err part_new(rec_cl_system *y, int l, size_t columns, struct pvx_diag
     size_t voxels = (size_t)g->voxels, rows = (size_t)g->room, cs = (size_t)y->cs;
     a->base.op = &rec_cl_ops;
     a->level = &y->m->level[l];
-    a->of = y;
     a->room = (uint32_t)(columns < voxels ? columns : voxels);
     PVX_TRY(rec_cl_buffer_new(cl, voxels * sizeof(cl_int), &a->map, d));
     PVX_TRY(rec_cl_buffer_new(cl, a->room * sizeof(cl_int), &a->col, d));
@@ -53,6 +52,8 @@ pvx_err rec_cl_system_new(rec_cl_matrix *m, int cs, size_t columns, rec_cl_syste
     y->m = rec_cl_matrix_share(m);
     y->cs = cs;
     y->columns = columns > 0 ? columns : 1;
+    for (int l = 0; l < m->levels; l++)
+        y->part[l].of = y; /* part_free needs it, however far this comes */
     pvx_err e = rec_cl_queue_new(m->cl, &y->queue, d);
     for (int l = 0; l < m->levels; l++)
         PVX_THEN(e, part_new(y, l, l == 0 ? y->columns : y->part[l - 1].room, d));

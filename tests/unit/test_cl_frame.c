@@ -478,6 +478,46 @@ T_CASE(a_card_that_is_lost)
     scene_free(&s);
 }
 
+/* A device that refuses one thing after the other while a slot is made: it says so, and all is given back. */
+T_CASE(a_device_that_refuses_something)
+{
+    static const char *const functions[] = {"clCreateBuffer", "clCreateCommandQueue",
+                                            "clEnqueueMapBuffer", "clCreateKernel"};
+    struct scene s;
+    struct rec_frame_params p = frame_params(3);
+    scene_of(&s, 4, 48, 32, REC_BOX);
+    p.card = cl;
+    const uint64_t used = atomic_load(&cl->used);
+    const long objects = cl_fault_objects();
+    for (size_t i = 0; i < sizeof functions / sizeof *functions; i++) {
+        int step = strcmp(functions[i], "clCreateKernel") == 0 ? 2 * REC_CL_N_KERNELS : 1, k = 1;
+        for (bool happened = true; happened; k += step) {
+            struct pvx_diag d = {""};
+            char fault[64];
+            rec_frame *f;
+            snprintf(fault, sizeof fault, "%s:%d:-4", functions[i], k);
+            cl_fault(fault);
+            pvx_err e = rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, &d);
+            happened = cl_fault_happened();
+            T_EQ_I(e == PVX_OK, !happened);
+            T_EQ_I(f != NULL, !happened);
+            T_EQ_I(d.text[0] != '\0', happened);
+            rec_frame_free(&f);
+            T_OK(rec_cl_lost(cl) == NULL);
+            T_EQ_I(atomic_load(&cl->used), used);
+            T_EQ_I(cl_fault_objects(), objects);
+            if (t_case_fails > 0) {
+                printf("  with %s: %s\n", fault, d.text);
+                happened = false;
+            }
+        }
+        printf("  %s: %d\n", functions[i], (k - 1) / step);
+        T_LE(4, (k - 1) / step);
+    }
+    cl_fault(NULL);
+    scene_free(&s);
+}
+
 T_CASE(a_hull_that_has_no_room_on_the_card)
 {
     struct scene s;
