@@ -19,7 +19,7 @@ check frames frames
 solve() { # out, options...: the volumes of the recording; a warning is a line with the device's name
     local to=$1; shift
     rm -rf "$to"
-    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --selfcal off --out "$to" --quiet --save-report "$to.json" "$@"
+    run "$pyrovox" reconstruct --rig "${of:-rig.yaml}" --frames take --black 0.02 --selfcal off --out "$to" --quiet --save-report "$to.json" "$@"
 }
 
 # ---- which devices there are ----
@@ -73,14 +73,14 @@ wrong_together() {
 check wrong_together wrong_together
 
 # ---- the same volumes ----
-same() { # folder: its volumes against those of the processors.  4e-3 is the share by which the solver's own stop lets x move
-    "$py" - "$1" << 'END'
+same() { # folder, folder of the processors (here): the volumes of the first against those of the second.  4e-3 is the share by which the solver's own stop lets x move
+    "$py" - "$1" "${2:-here}" << 'END'
 import glob, os, sys
 import numpy as np
-worst, names = 0, sorted(os.path.basename(n) for n in glob.glob("here/*.npy"))
+worst, names = 0, sorted(os.path.basename(n) for n in glob.glob(sys.argv[2] + "/*.npy"))
 assert names == sorted(os.path.basename(n) for n in glob.glob(sys.argv[1] + "/*.npy")) and len(names) == 6, names
 for n in names:
-    a, b = np.load("here/" + n).astype(float), np.load(sys.argv[1] + "/" + n).astype(float)
+    a, b = np.load(sys.argv[2] + "/" + n).astype(float), np.load(sys.argv[1] + "/" + n).astype(float)
     assert a.any() and ((a != 0) <= (b != 0) + (abs(a) < 1e-3 * a.max())).all()
     worst = max(worst, np.sqrt(((a - b)**2).sum() / (a**2).sum()))
 print("figures 116: difference %.1e" % worst)
@@ -97,6 +97,14 @@ volumes_of_pocl() {
     told there 'c["device"].startswith("pthread") and c["sets"] == c["raw"] == 6 and c["fell_back"] == 0 and c["why"] == ""' && same there
 }
 check volumes_of_pocl volumes_of_pocl
+calibrated_cameras() { # responses, colours and masks: their pixels are unpacked there too
+    "$py" -c 'import numpy as n; m = n.full((48, 64), 255, n.uint8); m[:9, :20] = m[22, 33] = 0; n.save("mask.npy", m)'
+    sed 's|^    t: |    photometry: {response: [0, 0.3, 0.7, 1], matrix: [1.05, 0, 0, 0, 0.95, 0.02, 0, 0.01, 1], mask: mask.npy}\n&|' rig.yaml > calibrated.yaml
+    of=calibrated.yaml solve as_calibrated; says 0 || return 1
+    of=calibrated.yaml solve there --compute opencl:portable; says 0 || return 1
+    told there 'c["sets"] == c["raw"] == 6' && same there as_calibrated && ! cmp -s here/000000.npy as_calibrated/000000.npy
+}
+check calibrated_cameras calibrated_cameras
 pocl_is_not_chosen() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out auto2 --compute auto
     says 0 'compute: the processors; OpenCL knows no graphics card; by name there are: '
