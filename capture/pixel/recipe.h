@@ -24,13 +24,13 @@ struct cap_recipe {      /* pointers are borrowed from the image's format, table
     float most;
     const uint32_t *table; /* [2^depth], at most CAP_LIGHT_ONE; or NULL */
     float full, unit;
-    uint64_t
-        maps;   /* their number: no others in this process have it; 0: none, and the rest is NULL */
-    bool whole; /* they have a bin in which no pixel is masked */
+    /* Number of the maps: no others in this process have it.  0: there are none, and the rest is NULL. */
+    uint64_t maps;
+    bool whole;           /* they have a bin in which no pixel is masked */
     const uint32_t *word; /* [planes][plane], a plane begins with those of the bins */
     size_t plane, planes; /* planes: 3, or 1 for all channels with nch = 1 or rays of binning 1 */
-    const uint8_t
-        *mask; /* a bit for each pixel, row by row, the least first: 1 = masked; or NULL */
+    /* A bit for each pixel, row by row, the least one first.  1: it is masked.  NULL: none is. */
+    const uint8_t *mask;
     const float *matrix; /* [9] or NULL */
 };
 /* Errors: those of cap_convert; PVX_EUNSUP: floats, or samples that are computed first (YUV, JPEG). */

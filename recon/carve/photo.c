@@ -114,8 +114,8 @@ static void photo_judge(void *ctx, size_t task)
         j->pass->judge(im, band);
 }
 
-/* Whether the flame is faint: the mean of the lit bins over the noise is below REC_PHOTO_NOISY even in the channel where it is
- * largest.  False if nothing is lit. */
+/* Whether the flame is faint: the mean of the lit bins over the noise is below REC_PHOTO_NOISY even in the channel where
+ * it is largest.  False if nothing is lit. */
 static bool is_noisy(const struct rec_photo_image *im)
 {
     const struct rec_photo_work *w = im->work;

@@ -56,8 +56,7 @@ struct rec_frame_binner {
 bool rec_frame_raw(rec_frame *f, const struct rec_cl_raw *raw, const struct rec_frame_binner *bin);
 
 /* Restricted system and right-hand side of the carved frame.  On a graphics card the system has columns and counts
- * alone (subsys.h).  A camera that was voted out has its
- * right-hand side and weight 0. */
+ * alone (subsys.h).  A camera that was voted out has its right-hand side and weight 0. */
 const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
 const float *rec_frame_rhs(const rec_frame *f);
 const float *rec_frame_weight(const rec_frame *f);

@@ -24,8 +24,8 @@ struct rec_cl_maps {
     uint64_t number;       /* of the maps; 0: none, and the rest is NULL */
     const uint32_t *word;  /* [planes][plane], a plane begins with those of the bins; or NULL */
     size_t plane, planes;  /* planes: 1 or 3 */
-    const uint8_t
-        *mask; /* a bit for each pixel, row by row, the least first: 1 = left out; or NULL */
+    /* A bit for each pixel, row by row, the least one first.  1: it is left out.  NULL: none is. */
+    const uint8_t *mask;
     const float *matrix; /* [9], of three channels; or NULL */
 };
 

@@ -34,9 +34,9 @@ struct rec_cl_part {
     struct rec_cl_buffer brick;  /* uint [all_bricks]: the active ones, ascending */
     struct rec_cl_buffer tile;   /* uint [all_tiles]: the active ones, ascending */
     struct rec_cl_buffer is_row; /* uchar [room of rows] */
-    struct rec_cl_buffer b, w,
-        w4; /* lanes, float, float4 [room of rows]: pictures, weights; w4 with per_channel, and then w on
-               the finest level alone */
+    /* lanes, float, float4 [room of rows]: pictures, weights.  w4 with per_channel, and then w on the finest level
+     * alone. */
+    struct rec_cl_buffer b, w, w4;
     const float *b_here, *w_here; /* their names on the host (card.h) */
     struct rec_cl_products products;
 };
@@ -68,9 +68,9 @@ struct rec_cl_carving {
 };
 /* Where photometry on the device (photo.h) writes the set's pictures and silhouettes. */
 void rec_cl_system_pictures(const rec_cl_system *y, bool per_channel, struct rec_cl_pictures *out);
-/* Uploads silhouettes and pictures, unless they are there; carves, restricts the finest level: kept->col, n, counts as rec_hull_carve, `sub`
- * as rec_subsys_restrict with sub->card set.  false: the device is lost, or has no room for so many columns
- * (*too_many); sub->card is then NULL. */
+/* Uploads silhouettes and pictures, unless they are there.  Carves, and restricts the finest level: kept->col, n and
+ * counts as rec_hull_carve, `sub` as rec_subsys_restrict with sub->card set.  false: the device is lost, or has no room
+ * for so many columns (*too_many); sub->card is then NULL. */
 bool rec_cl_carve(rec_cl_system *y, const struct rec_cl_carving *in, struct rec_hull_kept *kept,
                   struct rec_subsys *sub, bool *too_many);
 /* rec_card_ops.levels: the coarser systems and their pictures. */

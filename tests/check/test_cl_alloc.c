@@ -173,7 +173,7 @@ static void take_all(struct bed *b, enum how how)
         rec_frame *now = b->slot[i % 2], *last = b->slot[1 - i % 2];
         struct rec_sparse v;
         shoot(b, now, how);
-        rec_frame_camera(now, 3)->present = how != RAW && i % 3 == 2 ? false : true;
+        rec_frame_camera(now, 3)->present = how == RAW || i % 3 != 2;
         rec_frame_volume(last, &v);
         rec_frame_carve(now);
         T_EQ_I(rec_frame_solve(now, 0, i > 0 ? &v : NULL), PVX_OK);

@@ -261,8 +261,8 @@ T_CASE(a_set_that_was_forgotten)
 
 T_CASE(a_device_that_is_lost)
 {
-    for (int when = 0; when < 3;
-         when++) { /* before the carving; before the pictures come; in the solve */
+    /* before the carving; before the pictures come; in the solve */
+    for (int when = 0; when < 3; when++) {
         struct bed b;
         rec_cl *own = cl_bed_open();
         bed_new(&b, 3, 1, CAP_MOSAIC_DEMOSAIC, true, own);

@@ -3,7 +3,8 @@
  * Hull, columns, counts and decisions must be equal.  The volumes x differ by rounding: NUMERICS.md, "On a graphics
  * card", derives
  *     ||W^(1/2) A (x' - x)|| <= 8 K (sqrt(m) u ||W^(1/2) b|| + m 2^-149 sqrt(M))                    (1)
- * M: measured values, u = 2^-24, m: the number of terms of the longest sum, K: iterations and renewals on all grids, and their starts. */
+ * M: measured values, u = 2^-24, m: the number of terms of the longest sum, K: iterations and renewals on all grids, and
+ * their starts. */
 #ifndef TESTS_CARD_PAIR_H
 #define TESTS_CARD_PAIR_H
 #include "recon/opencl/impl.h"

@@ -18,6 +18,7 @@ typedef int4 ilanes;
 #define AS_DOUBLE(v) convert_double4(v)
 #define SPLAT(v)     ((float4)(v))
 #define OF_FOUR(v)   (v)
+#define ANY(m)       any(m) /* of a comparison */
 #else
 typedef float lanes;
 typedef double dlanes;
@@ -25,6 +26,7 @@ typedef int ilanes;
 #define AS_DOUBLE(v) ((double)(v))
 #define SPLAT(v)     ((float)(v))
 #define OF_FOUR(v)   ((v).x) /* of an argument with four lanes */
+#define ANY(m)       ((m) != 0)
 #endif
 
 /* The piece [from, to) of n items that belongs to this group; its items go through it in steps of the group's size. */
@@ -150,10 +152,8 @@ static inline uint sum_before(uint v, __local uint *sum, uint *all)
 #define FORCED    2
 
 #if CS == 4
-#define ANY(m)      any(m)
 #define LANES_OF(v) vload4(0, v)
 #else
-#define ANY(m)      ((m) != 0)
 #define LANES_OF(v) ((v)[0])
 #endif
 

@@ -84,8 +84,8 @@ mark_rows(__constant const struct rec_cl_geometry *g, ulong present,
     }
 }
 
-/* lit [stored]: whether some x of the brick is not 0.  xb [stored][64] = x brick by brick, 0 where a voxel is no column,
- * of the bricks that are lit.  A group an active brick. */
+/* lit [stored]: whether some x of the brick is not 0.  xb [stored][64]: x of the bricks that are lit, 0 where a voxel is
+ * no column.  A group an active brick. */
 __kernel GROUP_ITEMS void
 spread(__constant const struct rec_cl_geometry *g, __global const uint *restrict brick,
        __global const int *restrict store, __global const int *restrict map,
@@ -97,11 +97,7 @@ spread(__constant const struct rec_cl_geometry *g, __global const uint *restrict
     lanes v = SPLAT(0);
     if (q >= 0)
         v = x[q];
-#if CS == 4
-    some[o] = (uchar)any(v != 0);
-#else
-    some[o] = v != 0;
-#endif
+    some[o] = (uchar)ANY(v != 0);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (uint step = GROUP / 2; step > 0; step /= 2) {
         if (o < step)
@@ -114,8 +110,8 @@ spread(__constant const struct rec_cl_geometry *g, __global const uint *restrict
         lit[s] = some[0];
 }
 
-/* y = A x, or y += A x, in the bins of an active tile.  Where A x is 0, y keeps its bits then.  A group of 4 x 64 items a
- * tile: item i of each quarter has bin i.  The quarters take the pairs in turn, so that four are read at a time.  Their
+/* y = A x, or y += A x, in the bins of an active tile.  y += A x leaves y's bits where A x is 0.  A group of 4 x 64 items
+ * a tile: item i of each quarter has bin i.  The quarters take the pairs in turn, so that four are read at a time.  Their
  * sums are added last, in a fixed order. */
 #define QUARTERS (FLAT / GROUP)
 __kernel FLAT_ITEMS void
@@ -156,14 +152,9 @@ forward(__constant const struct rec_cl_geometry *g, __global const uint *restric
     int row = tile_bin(g, tile, i);
     if (me < GROUP && row >= 0) {
         lanes v = g->unit * ((sum[i] + sum[i + GROUP]) + (sum[i + 2 * GROUP] + sum[i + 3 * GROUP]));
-#if CS == 4
-        bool some = any(v != 0);
-#else
-        bool some = v != 0;
-#endif
         if (!add)
             y[row] = v;
-        else if (some) /* else y keeps its bits */
+        else if (ANY(v != 0)) /* else y keeps its bits */
             y[row] += v;
     }
 }

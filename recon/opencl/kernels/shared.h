@@ -98,8 +98,8 @@ struct rec_cl_raw_picture {
     int cell[4]; /* colours of the 2x2 pixels that repeat */
     unsigned int clip;
     float full, most, unit;
-    unsigned int table, word,
-        mask;     /* where they begin among the words of all cameras; or REC_CL_NO_MAP */
+    /* Where they begin among the words of all cameras, or REC_CL_NO_MAP. */
+    unsigned int table, word, mask;
     int planes;   /* of word: 0, 1, 3 */
     int coloured; /* 1: matrix holds */
     float matrix[9];
