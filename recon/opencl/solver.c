@@ -197,6 +197,7 @@ void rec_cl_solver_earlier(rec_cl_solver *s, int32_t n, const int32_t *index, co
 bool rec_cl_solver_end(rec_cl_solver *s, float *to)
 {
     size_t bytes = (size_t)s->y->part[0].n * (size_t)s->cs * sizeof *to;
+    assert(s->wanted == 0 && !s->later); /* sums that are on their way have a place that is gone */
     rec_cl_download(s->queue, rec_cl_twin_of(s, s->x), 0, to, bytes);
     return rec_cl_wait(s->queue);
 }

@@ -38,8 +38,7 @@ static void part_free(rec_cl_system *y, int l)
                                          &a->is_row, &a->b,   &a->w,    &a->w4};
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         rec_cl_buffer_free(y->m->cl, all[i]);
-    if (a->of != NULL) /* NULL: the device failed before it was made */
-        rec_cl_products_free(a);
+    rec_cl_products_free(a);
 }
 
 pvx_err rec_cl_system_new(rec_cl_matrix *m, int cs, size_t columns, rec_cl_system **out,
