@@ -18,6 +18,7 @@
 #include "daemon/control/json.h"
 #include "daemon/control/metrics.h"
 #include "daemon/control/survive.h"
+#include "daemon/pipeline/compute.h"
 #include "daemon/pipeline/live.h"
 
 #define TICK_NS  (200 * PVX_NS_PER_MS)
@@ -512,5 +513,7 @@ int main(int argc, char **argv)
     if (a.level != NULL && pvx_log_level_parse(a.level, &level) != PVX_OK)
         return 2;
     pvx_log_set_level(level);
-    return a.print ? daemon_print(&cfg) : a.check ? daemon_check(&cfg) : daemon_main_run(&cfg);
+    return a.print   ? daemon_print(&cfg)
+           : a.check ? dmn_compute_leave(daemon_check(&cfg))
+                     : dmn_compute_leave(daemon_main_run(&cfg));
 }

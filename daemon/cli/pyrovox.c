@@ -6,6 +6,7 @@
 
 #include "base/cpu.h"
 #include "daemon/cli/common/cli.h"
+#include "daemon/pipeline/compute.h"
 
 static const struct cli_command *const commands[] = {
     &cmd_demo,      &cmd_matrix, &cmd_reconstruct, &cmd_render, &cmd_simcams,
@@ -59,7 +60,7 @@ int main(int argc, char **argv)
             static char name[80]; /* outlives this call: argp keeps pointers to argv[0] */
             snprintf(name, sizeof name, "pyrovox %s", argv[1]);
             argv[1] = name;
-            return commands[i]->run(argc - 1, argv + 1);
+            return dmn_compute_leave(commands[i]->run(argc - 1, argv + 1));
         }
     fprintf(stderr, "pyrovox: no command '%s'; `pyrovox --help` lists them\n", argv[1]);
     return 2;

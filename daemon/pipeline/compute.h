@@ -30,6 +30,9 @@ struct dmn_compute {
 PVX_MUST_CHECK pvx_err dmn_compute_open(const struct dmn_compute_want *w, struct dmn_compute *out,
                                         struct pvx_diag *d);
 void dmn_compute_close(struct dmn_compute *c);
+/* The last call of a program, with its exit code.  It does not return where the driver of a device that hangs would keep
+ * the program from ending. */
+int dmn_compute_leave(int code);
 
 struct dmn_compute_job { /* borrowed */
     const rec_sysmat *S;

@@ -49,6 +49,9 @@ void rec_cl_close(rec_cl **cl);
 const struct rec_cl_info *rec_cl_about(const rec_cl *cl);
 /* Why it is lost; NULL: it is not. */
 const char *rec_cl_lost(const rec_cl *cl);
+/* Whether a device has not answered in this process.  Its driver may wait for it at the end of the program, for ever:
+ * a program then ends by _exit. */
+bool rec_cl_hangs(void);
 
 #ifdef __cplusplus
 }

@@ -16,6 +16,13 @@
 #define PAUSE_NS 10000 /* the first one */
 #define MOST_NS  100000
 
+static _Atomic bool hangs; /* some device */
+
+bool rec_cl_hangs(void)
+{
+    return atomic_load(&hangs);
+}
+
 void rec_cl_lose(rec_cl *cl, const char *fmt, ...)
 {
     int not_yet = 0;
@@ -60,6 +67,7 @@ cl_int rec_cl_settle(rec_cl *cl, cl_event event)
         }
         int64_t now = pvx_now_mono();
         if ((double)(now - begin) > cl->patience * 1e9) {
+            atomic_store(&hangs, true);
             rec_cl_lose(cl, "it did not answer for %g s", cl->patience);
             return CL_SUCCESS;
         }

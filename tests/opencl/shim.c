@@ -8,7 +8,8 @@
  *     few     from then on clGetKernelWorkGroupInfo says that groups have at most 32 items
  *     idle    from then on kernels do nothing, and the device says that all is well
  *     event   the call succeeds, and from then on the work of the device fails
- *     hang    the call succeeds, and from then on the device does nothing; what waits in the driver never returns
+ *     hang    the call succeeds, and from then on the device does nothing; what waits in the driver never returns, also
+ *             not at the end of the program
  * strict.h has what it does without a fault.
  * $PYROVOX_CL_SAID: a file to which a line is added when that happens, and one at the end: "any 1234" (calls so far).
  * In a test program: tests/lib/cl_fault.h. */
@@ -120,11 +121,6 @@ static cl_int released(cl_int e)
     return e;
 }
 
-__attribute__((destructor)) static void fault_end(void)
-{
-    fault_said("any", fault.any);
-}
-
 /* Counts a call.  The error that it returns, or CL_SUCCESS. */
 static cl_int fault_call(const char *function)
 {
@@ -155,6 +151,12 @@ static void fault_wait(void)
 {
     while (hangs())
         pause();
+}
+
+__attribute__((destructor)) static void fault_end(void)
+{
+    fault_said("any", fault.any);
+    fault_wait();
 }
 
 /* The name is of the file that the loader would take without this one. */
