@@ -42,7 +42,7 @@ static size_t card_columns(const rec_sysmat *S, int cs, uint64_t memory)
     return n;
 }
 
-/* Of a camera's raw picture, at most: a pixel has up to 6 bytes, and a picture may have pixels that fill no bin. */
+/* Of a camera's raw picture, at most: a pixel has up to 6 bytes, and a row may end with some padding. */
 static size_t card_raw_bytes(const rec_sysmat *S, size_t c)
 {
     size_t side = (size_t)S->binning;

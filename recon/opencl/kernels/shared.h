@@ -67,7 +67,7 @@ struct rec_cl_picture_band {
     float low[4], above[4];
     double sum[4];
     int hits, saturated, not_finite, lit;
-    int peak, none;
+    int peak, none; /* none: makes the size a multiple of a double's */
 };
 /* A block (struct rec_photo_block). */
 struct rec_cl_picture_block {
