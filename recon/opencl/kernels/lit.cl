@@ -204,7 +204,7 @@ static inline double clipped_inverse(__global const float *inverse, double x)
 
 /* The value above the level without its bias: (4) and (5) of clipped.h. */
 static inline double mended(__global const struct rec_cl_picture_limits *t, int c,
-                     __global const float *inverse, double b)
+                            __global const float *inverse, double b)
 {
     if (t->cut[c] < 0)
         return b > 0 ? b : t->cut[c];

@@ -27,9 +27,9 @@ static inline lanes differences(__global const struct rec_cl_smooth *s, __global
 
 /* d = 0, V = 1, the diagonal of L L. */
 __kernel FLAT_ITEMS void pcg_begin(uint n, __global const struct rec_cl_smooth *s, __global const int *near, uint room,
-                              __global lanes *restrict d, __global float *restrict diag2,
-                              __global float *restrict by, __global float *restrict inverse,
-                              __global float *restrict diag)
+                                   __global lanes *restrict d, __global float *restrict diag2,
+                                   __global float *restrict by, __global float *restrict inverse,
+                                   __global float *restrict diag)
 {
     FOR_MINE (q, n) {
         uint at[6], have = neighbours(near, room, q, at);
@@ -44,8 +44,8 @@ __kernel FLAT_ITEMS void pcg_begin(uint n, __global const struct rec_cl_smooth *
 
 /* S of (6). */
 __kernel FLAT_ITEMS void pcg_scale(uint n, float4 share4, float4 lambda4, __global const float *restrict diag,
-                              __global const float *restrict stiff, __global const float *restrict inverse,
-                              __global lanes *restrict scale)
+                                   __global const float *restrict stiff, __global const float *restrict inverse,
+                                   __global lanes *restrict scale)
 {
     lanes share = OF_FOUR(share4), lambda = OF_FOUR(lambda4);
     FOR_MINE (q, n) {
@@ -59,8 +59,8 @@ __kernel FLAT_ITEMS void pcg_scale(uint n, float4 share4, float4 lambda4, __glob
 
 /* d of (4); sum d'phi. */
 __kernel FLAT_ITEMS void pcg_direction(uint n, float4 beta4, float4 mu4, __global const lanes *restrict x,
-                                  __global const lanes *restrict phi, __global const lanes *restrict scale,
-                                  __global lanes *restrict d, __global double4 *restrict parts, uint slot)
+                                       __global const lanes *restrict phi, __global const lanes *restrict scale,
+                                       __global lanes *restrict d, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes beta = OF_FOUR(beta4), mu = OF_FOUR(mu4), zero = SPLAT(0);
@@ -77,9 +77,9 @@ __kernel FLAT_ITEMS void pcg_direction(uint n, float4 beta4, float4 mu4, __globa
 
 /* q'Wq over the rows; q = A d. */
 __kernel FLAT_ITEMS void pcg_rows_square(uint bins, __constant const struct rec_cl_geometry *g,
-                                    __global const uint *restrict tile, __global const float *restrict w,
-                                    __global const float4 *restrict w4, int per_channel,
-                                    __global const lanes *restrict ad, __global double4 *restrict parts, uint slot)
+                                         __global const uint *restrict tile, __global const float *restrict w,
+                                         __global const float4 *restrict w4, int per_channel,
+                                         __global const lanes *restrict ad, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -94,8 +94,8 @@ __kernel FLAT_ITEMS void pcg_rows_square(uint bins, __constant const struct rec_
 }
 /* d'L V L d. */
 __kernel FLAT_ITEMS void pcg_curvature(uint n, __global const struct rec_cl_smooth *s, __global const int *near,
-                                  uint room, __global const lanes *d, __global const float *restrict by,
-                                  __global double4 *restrict parts, uint slot)
+                                       uint room, __global const lanes *d, __global const float *restrict by,
+                                       __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -108,8 +108,8 @@ __kernel FLAT_ITEMS void pcg_curvature(uint n, __global const struct rec_cl_smoo
 
 /* (5): next; sum ||next - x||^2.  e = s/alpha - d, which is 0 except in clipped columns; inverse: 1/alpha. */
 __kernel FLAT_ITEMS void pcg_step(uint n, float4 alpha4, float4 inverse4, __global const lanes *restrict x,
-                             __global const lanes *restrict d, __global lanes *restrict next,
-                             __global lanes *restrict e, __global double4 *restrict parts, uint slot)
+                                  __global const lanes *restrict d, __global lanes *restrict next,
+                                  __global lanes *restrict e, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes alpha = OF_FOUR(alpha4), inverse = OF_FOUR(inverse4), zero = SPLAT(0);
@@ -125,10 +125,10 @@ __kernel FLAT_ITEMS void pcg_step(uint n, float4 alpha4, float4 inverse4, __glob
 
 /* r += alpha q, q = W r; sum r'Wr. */
 __kernel FLAT_ITEMS void pcg_rows_step(uint bins, __constant const struct rec_cl_geometry *g,
-                                  __global const uint *restrict tile, __global const float *restrict w,
-                                  __global const float4 *restrict w4, int per_channel, float4 alpha4,
-                                  __global lanes *restrict r, __global lanes *restrict ad,
-                                  __global double4 *restrict parts, uint slot)
+                                       __global const uint *restrict tile, __global const float *restrict w,
+                                       __global const float4 *restrict w4, int per_channel, float4 alpha4,
+                                       __global lanes *restrict r, __global lanes *restrict ad,
+                                       __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes alpha = OF_FOUR(alpha4);
@@ -147,9 +147,9 @@ __kernel FLAT_ITEMS void pcg_rows_step(uint bins, __constant const struct rec_cl
 
 /* lx = V L x; sums x'L lx, ||x||^2. */
 __kernel FLAT_ITEMS void pcg_smoothness(uint n, __global const struct rec_cl_smooth *s, __global const int *near,
-                                   uint room, __global const lanes *x, __global const float *restrict by,
-                                   __global const float *restrict inverse, __global lanes *restrict lx,
-                                   __global double4 *restrict parts, uint slot)
+                                        uint room, __global const lanes *x, __global const float *restrict by,
+                                        __global const float *restrict inverse, __global lanes *restrict lx,
+                                        __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes penalty = 0, norm2 = 0;
@@ -165,10 +165,10 @@ __kernel FLAT_ITEMS void pcg_smoothness(uint n, __global const struct rec_cl_smo
 
 /* phi of (3) from ar = A'W r and lx; sums phi'M phi, phi'M phi_old. */
 __kernel FLAT_ITEMS void pcg_gradient(uint n, __global const struct rec_cl_smooth *s, __global const int *near,
-                                 uint room, float4 lambda4, __global const lanes *restrict x, __global const lanes *restrict ar,
-                                 __global const lanes *lx, __global const lanes *restrict scale,
-                                 __global const lanes *restrict old, __global lanes *restrict phi,
-                                 __global double4 *restrict parts, uint slot)
+                                      uint room, float4 lambda4, __global const lanes *restrict x,
+                                      __global const lanes *restrict ar, __global const lanes *lx,
+                                      __global const lanes *restrict scale, __global const lanes *restrict old,
+                                      __global lanes *restrict phi, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     lanes lambda = OF_FOUR(lambda4), zero = SPLAT(0);
@@ -189,8 +189,8 @@ __kernel FLAT_ITEMS void pcg_gradient(uint n, __global const struct rec_cl_smoot
 
 /* phi's of the step s from x to next. */
 __kernel FLAT_ITEMS void pcg_slope(uint n, __global const lanes *restrict x, __global const lanes *restrict next,
-                              __global const lanes *restrict phi, __global double4 *restrict parts,
-                              uint slot)
+                                   __global const lanes *restrict phi, __global double4 *restrict parts,
+                                   uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;
@@ -200,7 +200,7 @@ __kernel FLAT_ITEMS void pcg_slope(uint n, __global const lanes *restrict x, __g
 }
 /* Moves next to the share `back` of the way from x. */
 __kernel FLAT_ITEMS void pcg_retreat(uint n, float4 back4, __global const lanes *restrict x,
-                                __global lanes *restrict next)
+                                     __global lanes *restrict next)
 {
     lanes back = OF_FOUR(back4), zero = SPLAT(0);
     FOR_MINE (q, n) {
@@ -212,9 +212,9 @@ __kernel FLAT_ITEMS void pcg_retreat(uint n, float4 back4, __global const lanes 
 /* ---- (2a) ----------------------------------------------------------------------------------------*/
 
 /* y to next, a float a column; lx = L x; sums y, y^2, columns with x > 0. */
-__kernel FLAT_ITEMS void pcg_brightness(uint n, __global const lanes *restrict x, __global const float *restrict inverse,
-                                   __global lanes *restrict lx, __global float *restrict next,
-                                   __global double4 *restrict parts, uint slot)
+__kernel FLAT_ITEMS void pcg_brightness(uint n, __global const lanes *restrict x,
+                                        __global const float *restrict inverse, __global lanes *restrict lx, __global float *restrict next,
+                                        __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     double bright = 0, square = 0;
@@ -238,9 +238,9 @@ __kernel FLAT_ITEMS void pcg_brightness(uint n, __global const lanes *restrict x
 }
 /* V from y of `next`, lx = V lx; sum x'L lx.  y / y_usual + dark, scale: 1 / y_usual. */
 __kernel FLAT_ITEMS void pcg_stiffness(uint n, float dark, float scale, __global const float *restrict next,
-                                  __global const float *restrict diag2, __global float *restrict by,
-                                  __global float *restrict inverse, __global float *restrict diag,
-                                  __global lanes *restrict lx, __global double4 *restrict parts, uint slot)
+                                       __global const float *restrict diag2, __global float *restrict by,
+                                       __global float *restrict inverse, __global float *restrict diag,
+                                       __global lanes *restrict lx, __global double4 *restrict parts, uint slot)
 {
     __local double4 tree[FLAT];
     dlanes sum = 0;

@@ -129,7 +129,7 @@ struct column {
 
 /* Column x of a block whose rows are [y0, y1) and whose columns end at x1. */
 static inline struct column add_column(__global const struct rec_cl_picture *im, __global const lanes *b,
-                                __global const float *weight, int x, int x1, int y0, int y1)
+                                       __global const float *weight, int x, int x1, int y0, int y1)
 {
     struct column c = {SPLAT(0), SPLAT(0), SPLAT(INFINITY), (ilanes)(0), (ilanes)(0), (ilanes)(0)};
     const int k = im->step, bw = im->bw;
@@ -152,7 +152,7 @@ static inline struct column add_column(__global const struct rec_cl_picture *im,
     return c;
 }
 static inline ilanes count_low(__global const struct rec_cl_picture *im, __global const lanes *b,
-                        __global const float *weight, int x, int x1, int y0, int y1, lanes low)
+                               __global const float *weight, int x, int x1, int y0, int y1, lanes low)
 {
     ilanes n = 0;
     for (int y = y0; y < y1 && x < x1; y++) {

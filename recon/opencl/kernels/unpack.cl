@@ -19,7 +19,7 @@ struct gathered {
 
 /* One sample, as capture/pixel/image.h has its place.  s: of a pixel. */
 static inline uint sample(__global const struct rec_cl_raw_picture *r, __global const uchar *raw, int x,
-                   int y, int s)
+                          int y, int s)
 {
     __global const uchar *row = raw + r->at + (uint)y * r->stride, *t;
     const uint u = (uint)x, i = u * (uint)r->samples + (uint)(r->swapped ? 2 - s : s);
@@ -158,9 +158,9 @@ static inline float4 finished(const struct source *f, float4 v, int4 saturated, 
 
 /* Bins of pictures that are raw.  Groups: a band each; band: its camera and first row. */
 __kernel FLAT_ITEMS void unpack_bins(__global const struct rec_cl_picture *restrict shot,
-                          __global const struct rec_cl_raw_picture *restrict picture,
-                          __global const int2 *restrict band, __global const uchar *restrict raw,
-                          __global const uint *restrict maps, __global lanes *restrict b)
+                                     __global const struct rec_cl_raw_picture *restrict picture,
+                                     __global const int2 *restrict band, __global const uchar *restrict raw,
+                                     __global const uint *restrict maps, __global lanes *restrict b)
 {
     const int2 at = band[get_group_id(0)];
     __global const struct rec_cl_picture *im = &shot[at.x];
