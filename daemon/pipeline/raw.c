@@ -11,8 +11,8 @@ static enum rec_cl_layout layout_of(enum cap_pixfmt fmt)
     case CAP_LAYOUT_P: return REC_CL_LAYOUT_P;
     case CAP_LAYOUT_PACKED: return REC_CL_LAYOUT_PACKED;
     case CAP_LAYOUT_CSI: return REC_CL_LAYOUT_CSI;
+    case CAP_LAYOUT_YUV: return REC_CL_LAYOUT_YUV;
     case CAP_LAYOUT_NONE:
-    case CAP_LAYOUT_YUV:
     case CAP_LAYOUT_JPEG:
     case CAP_LAYOUT_F32: break;
     }
@@ -43,16 +43,20 @@ bool dmn_raw_of(const struct cap_image *img, const struct cap_convert_params *p,
         .width = img->width,
         .height = img->height,
         .stride = stride,
-        .depth = cap_pixfmt_depth(img->fmt),
+        .depth = r.depth,
         .binning = p->binning,
         .samples = r.samples,
         .grey = r.grey,
-        .swapped = r.swapped,
+        .swapped = r.swapped || img->fmt == CAP_UYVY,
         .rays = r.rays,
         .cell = r.cell,
         .clip = r.clip,
         .most = r.most,
         .full = r.full,
+        .yuv = {r.y,
+                {r.cb[0], r.cb[1], r.cb[2]},
+                {r.cr[0], r.cr[1], r.cr[2]},
+                {r.at[0], r.at[1], r.at[2]}},
         .maps = {r.table, r.unit, r.maps, r.word, r.plane, r.planes, r.mask, r.matrix}};
     return true;
 }

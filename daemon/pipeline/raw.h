@@ -5,7 +5,7 @@
 #include "recon/opencl/raw.h"
 
 /* What cap_convert(img, p) would make of it, for the device.  false: it must do that itself, because the image is
- * YUV, JPEG or floats, or is not sound (cap_convert says why), or because each bin has a masked pixel in it, or its maps
+ * floats or a JPEG that is not decoded, or is not sound (cap_convert says why), or because each bin has a masked pixel in it, or its maps
  * give numbers beyond REC_PHOTO_LIMIT.  Borrows img's data, and p's maps. */
 bool dmn_raw_of(const struct cap_image *img, const struct cap_convert_params *p,
                 struct rec_cl_raw *out);

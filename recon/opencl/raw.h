@@ -1,7 +1,7 @@
 /* raw.h - pixels as a camera gives them, for a device that unpacks and bins them (kernels/unpack.cl).
  *
- * These are integers in the layouts of capture/pixel/image.h, which has their bytes.  Others (YUV, JPEG, floats) are
- * unpacked and binned by the processor.  What becomes of the samples is in capture/pixel/recipe.h, to the bit. */
+ * These are integers in the layouts of capture/pixel/image.h, which has their bytes.  Floats are
+ * binned by the processor, and JPEG pictures are decoded there.  What becomes of the samples is in capture/pixel/recipe.h, to the bit. */
 #ifndef REC_CL_RAW_H
 #define REC_CL_RAW_H
 #include <stdbool.h>
@@ -14,7 +14,8 @@ enum rec_cl_layout {
     REC_CL_LAYOUT_16,
     REC_CL_LAYOUT_P,
     REC_CL_LAYOUT_PACKED,
-    REC_CL_LAYOUT_CSI
+    REC_CL_LAYOUT_CSI,
+    REC_CL_LAYOUT_YUV
 };
 
 /* A camera's tables and maps.  They stay on the device as long as `number` and `table` do. */
@@ -39,12 +40,15 @@ struct rec_cl_raw {
     int binning;
     int samples;         /* of a pixel, 1 or 3 */
     bool grey;           /* one channel; a Bayer picture has three */
-    bool swapped;        /* blue comes first */
+    bool swapped;        /* blue comes first; of YUV: colour comes first */
     bool rays;           /* Bayer pixels as they are: binning 1, three channels */
     const uint8_t *cell; /* Bayer: colours of the 2x2 pixels, row by row; or NULL */
     uint32_t clip;       /* a sample is saturated from here on, at most 2^depth - 1 */
     float most;          /* value of saturated channels */
     float full;          /* full scale of what is summed up */
+    struct {
+        float y, cb[3], cr[3], at[3]; /* (0) of recipe.h */
+    } yuv;
     struct rec_cl_maps maps;
 };
 

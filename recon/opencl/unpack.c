@@ -70,9 +70,13 @@ static struct rec_cl_raw_picture unpack_picture(const struct rec_cl_raw *r, size
                                    .bayer = r->cell != NULL,
                                    .clip = r->clip,
                                    .full = r->full,
-                                   .most = r->most};
+                                   .most = r->most,
+                                   .y = r->yuv.y};
     for (int k = 0; k < 4 && r->cell != NULL; k++)
         o.cell[k] = r->cell[k];
+    memcpy(o.cb, r->yuv.cb, sizeof o.cb);
+    memcpy(o.cr, r->yuv.cr, sizeof o.cr);
+    memcpy(o.at0, r->yuv.at, sizeof o.at0);
     unpack_put_maps(r, maps, &o);
     return o;
 }

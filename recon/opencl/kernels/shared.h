@@ -103,6 +103,7 @@ struct rec_cl_raw_picture {
     int planes;   /* of word: 0, 1, 3 */
     int coloured; /* 1: matrix holds */
     float matrix[9];
+    float y, cb[3], cr[3], at0[3]; /* of YUV */
 };
 
 #endif

@@ -10,6 +10,7 @@
 #define LAYOUT_16     2
 #define LAYOUT_P      3
 #define LAYOUT_PACKED 4
+#define LAYOUT_YUV    6
 
 /* Sums of a bin so far, of channels 0 to 2. */
 struct gathered {
@@ -34,6 +35,13 @@ static inline uint sample(__global const struct rec_cl_raw_picture *r, __global 
     case LAYOUT_PACKED:
         t = row + u / 2 * 3;
         return (uint)t[odd * 2] << (depth - 8) | (t[1] >> odd * 4 & ((1u << (depth - 8)) - 1));
+    case LAYOUT_YUV: { /* (0) of recipe.h; a pair of pixels has its colour in common */
+        const uint luma = (uint)r->swapped, hue = 1 - luma;
+        t = row + u / 2 * 4;
+        const float chroma = r->cb[s] * (float)t[hue] + r->cr[s] * (float)t[2 + hue];
+        const float v = r->y * (float)t[odd * 2 + luma] + (r->at0[s] + chroma);
+        return v > 0 ? (uint)min((int)v, 4095) : 0;
+    }
     default: break; /* CSI-2 */
     }
     if (depth == 10) {
