@@ -1,7 +1,7 @@
 /* raw.h - pixels as a camera gives them, for a device that unpacks and bins them (kernels/unpack.cl).
  *
- * These are integers in the layouts of capture/pixel/image.h, which has their bytes.  Floats are
- * binned by the processor, and JPEG pictures are decoded there.  What becomes of the samples is in capture/pixel/recipe.h, to the bit. */
+ * These are integers in the layouts of capture/pixel/image.h, which has their bytes.  Floats are binned by the processor,
+ * and JPEG pictures are decoded there.  What becomes of the samples is in capture/pixel/recipe.h, to the bit. */
 #ifndef REC_CL_RAW_H
 #define REC_CL_RAW_H
 #include <stdbool.h>
