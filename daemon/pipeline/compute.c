@@ -59,8 +59,17 @@ int dmn_compute_leave(int code)
 
 /* ---- what was solved where ---- */
 
+/* A reason without the device's name, with which those of its objects begin. */
+static const char *compute_reason(const struct rec_cl *card, const char *why)
+{
+    const char *name = rec_cl_about(card)->name;
+    size_t n = strlen(name);
+    return strncmp(why, name, n) == 0 && strncmp(why + n, ": ", 2) == 0 ? why + n + 2 : why;
+}
+
 void dmn_compute_fail(struct dmn_compute_count *c, const struct rec_cl *card, const char *why)
 {
+    why = compute_reason(card, why);
     if (strcmp(c->why, why) == 0)
         return;
     pthread_mutex_lock(&c->lock);
@@ -191,7 +200,7 @@ static void compute_compare(struct dmn_compute *c, const struct dmn_compute_job 
                  "compute: the processors, %.1f ms a set against %.1f ms on %s", here, there, name);
     } else {
         snprintf(c->said, sizeof c->said, "compute: the processors, because of %s: %.500s", name,
-                 pvx_diag_text(&why, e));
+                 compute_reason(c->card, pvx_diag_text(&why, e)));
     }
 }
 

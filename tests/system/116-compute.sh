@@ -122,6 +122,7 @@ fault() { # FUNCTION:N:WHAT
     at=${1#*:}
     grep -q " ${at%%:*}$" said || { echo "  $1 did not happen"; return 1; }
     [ "$(grep -cE 'recon: .*because of pthread|^compute: ' <<< "$out")" = 1 ] || { echo "  $1: not one warning: $out"; return 1; }
+    ! grep -q 'because of \(pthread[^:]*\): \1' <<< "$out" || { echo "  $1: named twice: $out"; return 1; }
     same fault > /dev/null || { echo "  $1: other volumes"; return 1; }
 }
 calls() { # how often each function is called in a run without fault
