@@ -51,7 +51,7 @@ top .*tcp://                            | beside: pyrovox play flame.h5 --loop -
 : pyrovox record (--out|--format)       | until: volumes,
 : pyrovox (view|share)                  | until: Ctrl-C ends it|volumes,
 : pyrovox replay (take|--speed)         | until: ready
-: pyrovox play                          | until: .
+: pyrovox play(?!.* record)             | until: .
 --join .*# shows                        | code: 1
 solve: pyrovox                          | long
 run.md: pyrovox record --raw start      | then: pyrovox record --raw stop
