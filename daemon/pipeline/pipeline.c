@@ -371,9 +371,7 @@ static void pipeline_clear(dmn_pipeline *p)
 /* A card that fails now is no reason not to start. */
 static pvx_err pipeline_build_here(dmn_pipeline *p, pvx_err e, struct pvx_diag *d)
 {
-    char why[256];
-    snprintf(why, sizeof why, "%s", pvx_diag_text(d, e));
-    dmn_compute_fail(&p->compute, p->card, why);
+    dmn_compute_fail(&p->compute, p->card, pvx_diag_text(d, e));
     pipeline_clear(p);
     p->a.frame.card = NULL;
     if (d != NULL)

@@ -194,7 +194,8 @@ bool rec_card_photo(rec_frame *f)
         if (k->other_background >> c & 1)
             rec_cl_photo_background(k->there, q, c, k->background[c]);
     k->other_background = 0;
-    bool done = rec_cl_photo_unpack(k->there, q, k->photo, f->raw, &to) &&
+    rec_cl_photo_send(k->there, q, k->photo);
+    bool done = rec_cl_photo_unpack(k->there, q, f->raw, &to) &&
                 rec_cl_photo_apply(k->there, q, k->photo, &to, k->pool);
     if (done)
         f->bin.bin = NULL;

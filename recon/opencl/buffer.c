@@ -3,10 +3,8 @@
 /* Zeroes a new buffer: many drivers find only now that they have no room, some even while they do it. */
 static cl_int buffer_zero(rec_cl *cl, cl_mem mem, size_t bytes)
 {
-    static const cl_uint4 zero; /* by words where it can be, which some drivers do faster */
-    size_t word = bytes % sizeof zero == 0 ? sizeof zero : bytes % 4 == 0 ? 4 : 1;
     cl_event done = NULL;
-    cl_int e = cl->lib->EnqueueFillBuffer(cl->zeroes, mem, &zero, word, 0, bytes, 0, NULL, &done);
+    cl_int e = rec_cl_fill(cl, cl->zeroes, mem, 0, bytes, &done);
     if (e != CL_SUCCESS)
         return e;
     return rec_cl_ok(cl, cl->lib->Flush(cl->zeroes), "clFlush") ? rec_cl_settle(cl, done)

@@ -241,12 +241,10 @@ void rec_cl_photo_send(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_
     rec_cl_upload(q, &p->shot, 0, p->shots, p->cameras * sizeof *p->shots);
 }
 
-static void photo_begin(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
-                        const struct rec_cl_pictures *to)
+static void photo_measure(rec_cl_photo *p, rec_cl_queue *q, const struct rec_cl_pictures *to)
 {
     const int cs = (int)p->cs, per_channel = to->w4.bytes > 0;
     const struct rec_cl_buffer *w4 = per_channel ? &to->w4 : &to->w; /* it is not written then */
-    rec_cl_photo_send(p, q, im);
     REC_CL_RUN(q, REC_CL_K_PHOTO_LINEAR, cs, p->bands, REC_CL_FLAT, REC_CL_BUFFER(&p->shot),
                REC_CL_BUFFER(&p->at), REC_CL_BUFFER(&to->b), REC_CL_BUFFER(&p->back),
                REC_CL_BUFFER(&to->w), REC_CL_BUFFER(w4), REC_CL_VALUE(per_channel),
@@ -317,7 +315,7 @@ bool rec_cl_photo_apply(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo
     struct photo_set s = {.p = p, .im = im};
     bool margin = false, clipped = false;
     rec_photo_passes_init(&s.pass, pvx_cpu());
-    photo_begin(p, q, im, to);
+    photo_measure(p, q, to);
     if (!rec_cl_wait(q))
         return false;
     pvx_pool_run(pool, p->cameras, photo_decide, &s);

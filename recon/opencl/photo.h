@@ -36,11 +36,14 @@ void rec_cl_photo_free(rec_cl_photo **p);
 /* Background of camera c [bh][bw][cs] from the next set on; NULL: none.  Waits. */
 void rec_cl_photo_background(rec_cl_photo *p, rec_cl_queue *q, size_t c, const float *bg);
 
+/* A set begins: sends what is known of its pictures before their noise is. */
+void rec_cl_photo_send(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im);
+
 /* Raw pictures to binned pixels in to->b, for rec_cl_photo_apply.  raw [cameras]; those without a layout leave b as it
  * is.  The cameras' pixels are width / binning by height / binning bins.  Tables and maps go up when they are others than
  * in the set before.  false, and nothing is done: there is no room for so many bytes. */
-bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
-                         const struct rec_cl_raw *raw, const struct rec_cl_pictures *to);
+bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_cl_raw *raw,
+                         const struct rec_cl_pictures *to);
 
 /* rec_photo_apply for the pictures that were given to ..._new, in `to` instead of im's img, weight, weight4 and lit,
  * which are not read.  A background is that of rec_cl_photo_background.  Fills im's stats and work.  Waits in its

@@ -28,7 +28,4 @@ struct rec_cl_photo {
     struct rec_cl_picture_band sums[];   /* [bands] */
 };
 
-/* Sends what is known of the pictures before their noise is. */
-void rec_cl_photo_send(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im);
-
 #endif

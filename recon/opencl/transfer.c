@@ -72,12 +72,8 @@ void rec_cl_copy(rec_cl_queue *q, const struct rec_cl_buffer *from, size_t from_
 
 void rec_cl_zero(rec_cl_queue *q, const struct rec_cl_buffer *b, size_t at, size_t bytes)
 {
-    /* by words where it can be, which some drivers do faster */
-    static const cl_uint4 zero;
-    size_t word = at % 16 == 0 && bytes % 16 == 0 ? 16 : at % 4 == 0 && bytes % 4 == 0 ? 4 : 1;
     cl_event e = NULL;
     if (bytes > 0 && rec_cl_lost(q->cl) == NULL)
-        rec_cl_enqueued(
-            q, q->cl->lib->EnqueueFillBuffer(q->queue, b->mem, &zero, word, at, bytes, 0, NULL, &e),
-            &e, "clEnqueueFillBuffer");
+        rec_cl_enqueued(q, rec_cl_fill(q->cl, q->queue, b->mem, at, bytes, &e), &e,
+                        "clEnqueueFillBuffer");
 }

@@ -95,8 +95,8 @@ static bool unpack_fits(const rec_cl_photo *p, const struct rec_cl_raw *raw)
     return all <= p->bytes.bytes && all <= UINT32_MAX;
 }
 
-bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_photo_image *im,
-                         const struct rec_cl_raw *raw, const struct rec_cl_pictures *to)
+bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_cl_raw *raw,
+                         const struct rec_cl_pictures *to)
 {
     const struct rec_cl_buffer *maps = p->maps.bytes > 0 ? &p->maps : &p->at; /* not read then */
     size_t at = 0;
@@ -113,7 +113,6 @@ bool rec_cl_photo_unpack(rec_cl_photo *p, rec_cl_queue *q, const struct rec_phot
     }
     if (at == 0)
         return true;
-    rec_cl_photo_send(p, q, im);
     rec_cl_upload(q, &p->raw_picture, 0, p->raws, p->cameras * sizeof *p->raws);
     REC_CL_RUN(q, REC_CL_K_UNPACK, (int)p->cs, p->bands, REC_CL_FLAT, REC_CL_BUFFER(&p->shot),
                REC_CL_BUFFER(&p->raw_picture), REC_CL_BUFFER(&p->at), REC_CL_BUFFER(&p->bytes),

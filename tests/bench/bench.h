@@ -24,6 +24,18 @@ static inline void scene_fill(const struct scene *s, rec_frame *f, double noise)
     }
 }
 
+/* Camera c's picture, RGB8 of noise 1 % of the peak; to be freed. */
+static inline uint8_t *scene_rgb8(const struct scene *s, size_t c)
+{
+    size_t n = (size_t)s->rig.cameras[c].width * (size_t)s->rig.cameras[c].height * 3;
+    uint8_t *px = malloc(n);
+    for (size_t i = 0; i < n; i++) {
+        double v = 255 * (s->image[c][i] + 0.01 * s->peak * bench_normal());
+        px[i] = (uint8_t)(v < 0 ? 0 : v > 255 ? 255 : v + 0.5);
+    }
+    return px;
+}
+
 /* Mean |error| of 255 of the unseen view over the pixels that have 1 % of the picture's peak or more in some channel. */
 static inline double view_error(const struct scene *s, const float *dense, pvx_pool *pool)
 {

@@ -29,19 +29,6 @@ static void bin_camera(void *ctx, size_t c)
     CHECK(cap_bin(&img, j->binning, 3, 0, cam->height / j->binning, rec_frame_input(j->f, c)));
 }
 
-/* Raw 8-bit images with noise of 1 % of the peak. */
-static void make_input(const struct scene *s, struct input *in)
-{
-    for (size_t c = 0; c < s->rig.n_cameras; c++) {
-        size_t n = (size_t)s->rig.cameras[c].width * (size_t)s->rig.cameras[c].height * 3;
-        in->px[c] = malloc(n);
-        for (size_t i = 0; i < n; i++) {
-            double v = 255 * (s->image[c][i] + 0.01 * s->peak * bench_normal());
-            in->px[c][i] = (uint8_t)(v < 0 ? 0 : v > 255 ? 255 : v + 0.5);
-        }
-    }
-}
-
 static void run(FILE *csv, const int32_t size[3], enum rec_basis basis, double want,
                 unsigned threads, int32_t rays)
 {
@@ -53,7 +40,8 @@ static void run(FILE *csv, const int32_t size[3], enum rec_basis basis, double w
     rec_frame *f;
     CHECK(pvx_pool_new(threads, "bench", &pool));
     scene_flame(&s, size, basis, pool);
-    make_input(&s, &in);
+    for (size_t c = 0; c < s.rig.n_cameras; c++)
+        in.px[c] = scene_rgb8(&s, c);
     int64_t t0 = pvx_now_mono();
     struct rec_sysmat_params mp = rec_sysmat_defaults;
     mp.rays_per_bin = rays;

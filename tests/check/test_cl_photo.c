@@ -199,6 +199,7 @@ static void on_device(struct bed *b, struct there *o)
             o->to.here.lit = o->lit;
         }
         rec_cl_upload(q, &o->to.b, 0, b->picture, n * lane);
+        rec_cl_photo_send(p, q, im);
         T_OK(rec_cl_photo_apply(p, q, im, &o->to, NULL));
     }
     if (!here)

@@ -267,7 +267,8 @@ static void check_set(struct there *o, const struct set *t)
         if (s->raw.layout != REC_CL_LAYOUT_NONE)
             T_EQ_I(cap_convert(&s->img, &s->how, 0, t->im[c].bh, o->want + s->at * t->cs), PVX_OK);
     }
-    T_OK(rec_cl_photo_unpack(o->p, o->q, t->im, raw, &o->to));
+    rec_cl_photo_send(o->p, o->q, t->im);
+    T_OK(rec_cl_photo_unpack(o->p, o->q, raw, &o->to));
     rec_cl_download(o->q, &o->to.b, 0, o->got, bytes);
     T_OK(rec_cl_wait(o->q));
     for (int c = 0; c < CAMERAS; c++)
@@ -321,20 +322,20 @@ T_CASE(maps_stay_there)
         raw[c] = t.of[c].raw;
     zeros = pvx_calloc(raw[0].maps.plane * raw[0].maps.planes, sizeof *zeros);
     raw[0].maps.word = zeros;
-    T_OK(rec_cl_photo_unpack(o.p, o.q, t.im, raw, &o.to));
+    T_OK(rec_cl_photo_unpack(o.p, o.q, raw, &o.to));
     rec_cl_download(o.q, &o.to.b, 0, o.got, t.rows * t.cs * sizeof(float));
     T_OK(rec_cl_wait(o.q));
     compare(&t, 0, o.got, o.want);
     raw[0].maps.number++; /* others */
-    T_OK(rec_cl_photo_unpack(o.p, o.q, t.im, raw, &o.to));
+    T_OK(rec_cl_photo_unpack(o.p, o.q, raw, &o.to));
     rec_cl_download(o.q, &o.to.b, 0, o.got, t.rows * t.cs * sizeof(float));
     T_OK(rec_cl_wait(o.q));
     T_OK(!same(o.got, o.want, (size_t)t.im[0].bw * (size_t)t.im[0].bh * t.cs));
     raw[0].bytes += 1u << 30;
-    T_OK(!rec_cl_photo_unpack(o.p, o.q, t.im, raw, &o.to));
+    T_OK(!rec_cl_photo_unpack(o.p, o.q, raw, &o.to));
     T_EQ_I(rec_cl_photo_new(cl, t.im, CAMERAS, 1u << 20, NULL, &without, &d), PVX_OK);
     raw[0].bytes = t.of[0].raw.bytes;
-    T_OK(!rec_cl_photo_unpack(without, o.q, t.im, raw, &o.to));
+    T_OK(!rec_cl_photo_unpack(without, o.q, raw, &o.to));
     rec_cl_photo_free(&without);
     there_free(&o);
     set_free(&t);
